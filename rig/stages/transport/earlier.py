@@ -45,6 +45,8 @@ _LEAST_WITHIN, _LEAST_ALIKE = 0.85, 0.9
 details with the prediction's: with less, the rig is not as it was measured. In simulated rooms, matte and glossy, the
 share is 0.94 and more, the correlation 0.95 and more; a matte room's lamp that is 2 % dimmer leaves 0.79 within, a
 camera that moved by a pixel a correlation of 0.69 to 0.80."""
+_MOST_PICTURES = 32
+"""That are used: as many as the photographs of a long `[transport]`, whose regressions take seconds."""
 _DETAIL_PX = 4.0
 """Standard deviation of the smoothing that leaves details over: global light, which a model has wrong, is smooth."""
 
@@ -183,9 +185,9 @@ def gather_evidence(session: Session, target: Target, on_step: OnStep = silent) 
 
 
 def _of_others(current: Mapping[str, EvidenceRecord], target_sha256: str) -> list[str]:
-    """Names of the steps of other pictures that count; of each picture that of the newest loop."""
+    """Names of the steps of other pictures that count, the latest; of each picture that of the newest loop."""
     newest = {record.pictures[0].target_sha256: name for name, record in current.items() if record.counts}
-    return [name for sha, name in newest.items() if sha != target_sha256]
+    return [name for sha, name in newest.items() if sha != target_sha256][-_MOST_PICTURES:]
 
 
 def _say_what_does_not_count(

@@ -87,9 +87,9 @@ def rests_on(session: Session) -> dict[str, str]:
 
 
 def told_records(session: Session) -> dict[str, EvidenceRecord]:
-    """Return what the steps of all pictures say, of whatever model, in the order in which they were first begun."""
-    began = dict.fromkeys(event["step"] for event in session.events() if event["event"] == "begin")
-    names = [name for name in began if name.startswith(_TOLD) and session.is_finished(name)]
+    """Return what the steps of all pictures say, of whatever model, in the order in which they were begun last."""
+    began = dict.fromkeys(event["step"] for event in reversed(session.events()) if event["event"] == "begin")
+    names = [name for name in reversed(began) if name.startswith(_TOLD) and session.is_finished(name)]
     return {name: session.finished(name).load_record(EVIDENCE, EvidenceRecord) for name in names}
 
 
