@@ -6,6 +6,7 @@ from rig.files.channels import PRIMARIES
 from rig.stages.light.darkness import DarknessRecord
 from rig.stages.results import ByBand, GeometryResult, ModelResult
 from rig.stages.surface.known import RegistrationRecord
+from rig.stages.transport.evidence import evidence_words
 from rig.stages.transport.records import SurfaceGloss
 
 _FAR_WALLS = {"x": "Walls x0 and x1", "y": "Walls y0 and y1", "z": "Floor and ceiling"}
@@ -20,7 +21,7 @@ def geometry_text(geometry: GeometryResult, model: ModelResult) -> str:
         f"{model.patches} patches, mean reflectance {_numbers(model.reflectance_mean)}; of one that is lit and "
         f"seen is known up to {_numbers(model.reflectance_sigma)} (one standard deviation). "
         f"{geometry.room_notes}{_standing_words(model)}{_placed_words(model)}{_learned_words(model)}"
-        f"{_colour_words(model)}"
+        f"{_evidence_words(model)}{_colour_words(model)}"
     )
 
 
@@ -102,6 +103,15 @@ def _learned_words(model: ModelResult) -> str:
         f"{found.left_out_expected:.2f} were expected; sigmas are as much wider. Reflectances stay those of matte "
         f"patches, which leave {_numbers(model.global_rms)} of global light unexplained.{_gloss_words(found.gloss)}"
     )
+
+
+def _evidence_words(model: ModelResult) -> str:
+    """What photographs of earlier pictures brought; empty where there are none."""
+    found = model.evidence
+    if found is None:
+        return ""
+    names = ", ".join(one.picture for one in found.pictures)
+    return f" Loops were closed on {names}: {evidence_words(found)}."
 
 
 def _gloss_words(gloss: tuple[SurfaceGloss, ...]) -> str:

@@ -10,7 +10,7 @@ from rig.errors import SessionError
 from rig.profile.schema import Profile, load_runnable_profile
 from rig.records import JsonObject, Record, json_of
 from rig.run.request import SessionRequest
-from rig.run.steps import AnyStep, Verb, frames_of, settings_of, steps_up_to
+from rig.run.steps import AnyStep, Verb, frames_of, needs_of, settings_of, steps_up_to
 from rig.run.time_left import seconds_left
 from rig.session import Session
 from rig.session.folder import no_session_at, read_folder
@@ -82,7 +82,7 @@ class SessionPlan:
 
     def _is_done(self, definition: AnyStep, session: Session) -> bool:
         settings = settings_of(definition, session, self.showing)
-        return session.is_done(definition.name, settings=settings, needs=definition.needs)
+        return session.is_done(definition.name, settings=settings, needs=needs_of(definition, session))
 
     def as_json(self) -> JsonObject:
         """Return the plan as `rig run --dry-run --json` prints it.

@@ -36,6 +36,7 @@ from rig.stages.results import (
     TruthErrors,
 )
 from rig.stages.target import shown_target
+from rig.stages.transport.evidence import gathered_evidence
 from rig.stages.transport.records import TransportRecord
 
 _LAMP_PERCENT_LEFT = 0.4
@@ -138,6 +139,7 @@ def _model(session: Session) -> ModelResult:
         placed=record.placed,
         standing=_standing(session),
         learned=_learned(session),
+        evidence=gathered_evidence(session),
         mixing=None if colour is None else colour.mixing,
         mixing_variation=None if colour is None else colour.mixing_variation,
         white_over_channels=None if colour is None else colour.white_over_channels,

@@ -18,9 +18,11 @@ from rig.run.request import SessionRequest
 from rig.run.results import partial_result, session_result
 from rig.run.steps import (
     AnyStep,
+    CompensatingStep,
     ComputingStep,
     ShootingStep,
     Verb,
+    needs_of,
     required,
     settings_of,
     steps_of,
@@ -31,6 +33,7 @@ from rig.session.folder import typed
 from rig.stages.error_tree import one_error_tree
 from rig.stages.results import PartialResult, SessionResult, TruthErrors
 from rig.stages.target import CompensationRequest
+from rig.stages.transport.earlier import gather_evidence
 from rig.terminal import OnStep, silent
 from rig.truth.scores import score
 from sim.errors import SimulationError
@@ -178,8 +181,10 @@ class OpenSession:
             self._do(definition, on_step)
 
     def _do(self, definition: AnyStep, on_step: OnStep) -> None:
+        if isinstance(definition, CompensatingStep):
+            gather_evidence(self.session, required(self.showing).target, on_step)
         settings = settings_of(definition, self.session, self.showing)
-        step = self.session.step(definition.name, settings=settings, needs=definition.needs)
+        step = self.session.step(definition.name, settings=settings, needs=needs_of(definition, self.session))
         if step.done:
             return
         if isinstance(definition, ShootingStep):

@@ -16,6 +16,7 @@ from rig.stages.light import exposure
 from rig.stages.showing.dark import dark_settings
 from rig.stages.target import CompensationRequest
 from rig.stages.transport import learn
+from rig.stages.transport.evidence import EVIDENCE, model_steps
 from rig.terminal import OnStep
 
 Verb = Literal["calibrate", "separate", "model", "compensate", "compare"]
@@ -174,6 +175,12 @@ def _wanted_steps(profile: Profile) -> tuple[AnyStep, ...]:
     return tuple(
         replace(step, needs=tuple(name for name in step.needs if name in names)) for step in STEPS if step.name in names
     )
+
+
+def needs_of(definition: AnyStep, session: Session) -> tuple[str, ...]:
+    """Return the steps whose results a step reads: with the model of pictures also what earlier ones have told."""
+    reads_model = definition.verb in ("compensate", "compare") and "model" in definition.needs
+    return (*definition.needs, *(name for name in model_steps(session) if reads_model and name == EVIDENCE))
 
 
 def settings_of(definition: AnyStep, session: Session, showing: CompensationRequest | None) -> JsonObject:

@@ -50,9 +50,9 @@ from rig.stages.separation import projector_blur_px2
 from rig.stages.showing.dark import dark_pixels, dark_settings
 from rig.stages.surface.known import known_settings
 from rig.stages.surface.standing import StandingRecord, standing_of
+from rig.stages.transport.evidence import model_steps, told_of_light
 from rig.stages.transport.learned import BandPrior, LearnedBand, band_prior, learned_band
 from rig.stages.transport.prior import OpenWalls
-from rig.stages.transport.records import read_photographs, read_uneven
 from rig.terminal import OnStep
 
 FloatArray = NDArray[np.float64]
@@ -301,15 +301,9 @@ def load_model(session: Session) -> FittedScene:
 
     It is read from the disk once for each of its results.
     """
-    prior = load_prior_model(session)
-    if session.profile.transport.photographs == 0:
-        return prior
-    return _learned(session, prior, session.finished("transport").outputs_sha256)
-
-
-def model_steps(session: Session) -> tuple[str, ...]:
-    """Return the steps that a session's model comes from."""
-    return ("model", "transport") if session.profile.transport.photographs else ("model",)
+    prior, steps = load_prior_model(session), model_steps(session)[1:]
+    hashes = tuple((name, session.finished(name).outputs_sha256) for name in steps)
+    return _learned(session, prior, hashes) if steps else prior
 
 
 def load_prior_model(session: Session) -> FittedScene:
@@ -342,13 +336,15 @@ def transport_priors(session: Session) -> tuple[BandPrior, ...]:
 
 
 @lru_cache(maxsize=1)
-def _learned(session: Session, prior: FittedScene, _outputs_sha256: str) -> FittedScene:
-    told = read_photographs(session.finished("transport"), prior.channels)
+def _learned(session: Session, prior: FittedScene, steps: tuple[tuple[str, str], ...]) -> FittedScene:
+    told = told_of_light(session, prior.channels, tuple(name for name, _ in steps))
     if told is None:
         return prior
     priors = transport_priors(session)
-    uneven = np.moveaxis(read_uneven(session.finished("transport")), -1, 0)
-    bands = tuple(learned_band(*one[:2], prior.lit, one[2]) for one in zip(priors, told, uneven, strict=True))
+    bands = tuple(
+        learned_band(band, photographs, prior.lit, uneven)
+        for band, photographs, uneven in zip(priors, told[0], np.moveaxis(told[1], -1, 0), strict=True)
+    )
     room = replace(prior.room, bands=tuple(band.scene_model for band in bands))
     return replace(prior, room=room, learned=bands)
 

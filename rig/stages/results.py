@@ -15,6 +15,7 @@ from rig.stages.light.unseen_walls import PlacedByLight
 from rig.stages.picture_errors import PictureErrors
 from rig.stages.surface.known import RegistrationRecord
 from rig.stages.target import ShownTarget
+from rig.stages.transport.evidence import EvidenceRecord
 from rig.stages.transport.records import SurfaceGloss
 
 ByBand = float | tuple[float, ...]
@@ -119,6 +120,8 @@ class ModelResult(Record):
     """None of a box."""
     learned: LearnedResult | None = None
     """None of a session without ``[transport] photographs``."""
+    evidence: EvidenceRecord | None = None
+    """What was learned from pictures on which loops were closed; None where there were none."""
     mixing: tuple[tuple[float, ...], ...] | None = None
     """Of a colour rig: share of white in each band that each channel of the projector makes."""
     mixing_variation: float | None = None

@@ -66,6 +66,8 @@ class Target:
     """Where it is wanted; None: pixel by pixel of the projector (:func:`rig.stages.showing.place.placed`)."""
     words: str = ""
     """Where it was wanted, of one that was placed."""
+    before_sha256: str = ""
+    """Of the picture that was placed; empty: it was not."""
 
     @property
     def grey(self) -> Float32Array:
@@ -82,6 +84,11 @@ class Target:
         """Of the grey levels, and of where they are wanted."""
         where = b"" if self.place is None else json.dumps([self.place.placement, self.levels.shape]).encode()
         return hashlib.sha256(np.ascontiguousarray(self.levels).tobytes() + where).hexdigest()
+
+    @property
+    def asked_sha256(self) -> str:
+        """The same of what was asked for, wherever it came to lie."""
+        return self.before_sha256 or self.sha256
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,13 +18,16 @@ from rig.session import Session, Step
 from rig.stages.compensation import measured_options, solve, versions_of
 from rig.stages.linear_light import LightImage, RadiometricCalibration, channel_codes, channel_light, merge_exposures
 from rig.stages.maps.sampling import sample_bands
-from rig.stages.model import FittedScene, load_model, model_steps
+from rig.stages.model import FittedScene, load_model
 from rig.stages.photograph import ExposureBracket, photograph
 from rig.stages.picture_errors import contrast, perceived_errors
 from rig.stages.prediction import JUDGED, JudgedPixels, judged_pixels, wanted_light, whole_picture
 from rig.stages.radiometry import load_radiometric_calibration, measuring_bracket
 from rig.stages.showing.dark import dark_settings
 from rig.stages.target import Target, check_strategies
+from rig.stages.transport.earlier import keep_evidence
+from rig.stages.transport.evidence import model_steps
+from rig.stages.transport.held_out import ShownPictures
 from rig.strategies.records import ClosedLoop, JudgedErrors
 from rig.terminal import OnStep, silent
 from sim.compensation import Compensation
@@ -171,7 +174,11 @@ def close_loop(work: OpenSession, target: Target, loop: Loop, on_step: OnStep) -
     if not step.done:
         step.save_image("target", layers("grey", target.levels))
         room = controlled_scene_of(session, step, target)
-        step.save_record(step.name, _closed(work, step, room, loop=loop, shot=shot, on_step=on_step))
+        found, patterns = _closed(work, step, room, loop=loop, shot=shot, on_step=on_step)
+        shown = ShownPictures(step=step, bracket=shot, radiometric=room.radiometric, patterns=patterns)
+        # Before the loop is finished: one that is interrupted here has its pictures again when it goes on.
+        keep_evidence(session, shown, target)
+        step.save_record(step.name, found)
         step.finish()
     return step.load_record(step.name, ClosedLoop)
 
@@ -190,15 +197,18 @@ def controlled_scene_of(session: Session, step: Step, target: Target) -> Control
 
 def _closed(
     work: OpenSession, step: Step, room: ControlledScene, *, loop: Loop, shot: ExposureBracket, on_step: OnStep
-) -> ClosedLoop:
+) -> tuple[ClosedLoop, tuple[Pattern, ...]]:
+    """What the loop found, and the pictures that it photographed."""
     image = room.solved(loop.strategy, room.wanted).projector_image
     errors: list[JudgedErrors] = []
+    patterns: list[Pattern] = []
     best, stopped = 0, f"all {loop.captures} captures were used"
     for number in range(1, loop.captures + 1):
         on_step(f"closed loop: {loop.strategy}", number - 1, loop.captures)
         codes = room.codes(image, seed=number)
         pattern = Pattern(f"{step.name}-{number}", codes)
         photograph(work.rig(), work.session, step, [pattern], bracket=shot, n_patterns=1, on_step=silent)
+        patterns.append(pattern)
         light = merge_exposures(step, pattern.name, shot, room.radiometric)
         errors.append(room.judged_light(light))
         before, goes_on = best, _falls(errors, best)
@@ -212,7 +222,7 @@ def _closed(
         image = corrected(room, loop, image, _seen(room, codes, light))
     on_step(f"closed loop: {loop.strategy}", loop.captures, loop.captures)
     damping = room.damping if loop.rule == "image" else 1.0
-    return ClosedLoop(
+    found = ClosedLoop(
         strategy=loop.strategy,
         rule=loop.rule,
         damping=damping,
@@ -220,6 +230,7 @@ def _closed(
         best=best + 1,
         stopped=stopped,
     )
+    return found, tuple(patterns)
 
 
 def _falls(errors: list[JudgedErrors], best: int) -> bool:

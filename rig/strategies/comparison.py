@@ -22,13 +22,15 @@ from rig.session.alignment import aligned_folder
 from rig.session.ledger import write_json
 from rig.stages.compensation import dither_seed, solve, versions_of
 from rig.stages.linear_light import merge_exposures
-from rig.stages.model import load_model, model_steps
+from rig.stages.model import load_model
 from rig.stages.photograph import ExposureBracket, photograph
 from rig.stages.prediction import JUDGED, predict
 from rig.stages.radiometry import measuring_bracket
 from rig.stages.showing.dark import dark_settings
 from rig.stages.showing.place import placed
 from rig.stages.target import check_strategies
+from rig.stages.transport.earlier import gather_evidence
+from rig.stages.transport.evidence import model_steps
 from rig.strategies.closed_loop import ControlledScene, Loop, close_loop, controlled_scene_of
 from rig.strategies.page import write_strategies_page
 from rig.strategies.pictures import ComparisonPicture, pictures_for
@@ -85,6 +87,7 @@ def compare_strategies(wanted: Comparison, on_step: OnStep = silent) -> Comparis
     with opened_session(plan) as work:
         session = work.session
         work.do_up_to("model", on_step)
+        gather_evidence(session, target, on_step)
         target = placed(load_model(session), target)
         pictures = pictures_for(load_model(session), target)[: None if wanted.test_pictures else 1]
         compared = tuple(_compare_picture(work, picture, names=names, on_step=on_step) for picture in pictures)

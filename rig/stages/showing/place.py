@@ -57,7 +57,7 @@ def placed(model: FittedScene, target: Target) -> Target:
         )
     is_round = target.place.placed == "panorama"
     levels = _sampled(picture, xy_px, scene_model.projector.lens.shape, is_round=is_round)
-    return replace(target, levels=levels, place=None, words=target.place.words)
+    return replace(target, levels=levels, place=None, words=target.place.words, before_sha256=target.sha256)
 
 
 def _camera_places(scene_model: SceneModel, _: TargetTable, shape: tuple[int, int]) -> FloatArray:

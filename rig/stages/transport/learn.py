@@ -65,8 +65,8 @@ def learns_transport(profile: Profile) -> bool:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class _NextPicture:
-    """What the next picture is chosen with: some places of one band."""
+class PictureSearch:
+    """What a picture is chosen with, or held worth its while: some places of one band."""
 
     band: BandPrior
     chosen: NDArray[np.intp]
@@ -79,7 +79,7 @@ class _NextPicture:
     fixed_seen: Pictures
 
     @classmethod
-    def of(cls, band: BandPrior, white_variance: FloatArray, shape: tuple[int, int]) -> _NextPicture:
+    def in_band(cls, band: BandPrior, white_variance: FloatArray, shape: tuple[int, int]) -> PictureSearch:
         """Prepare for a band, of which white has a variance (H, W)."""
         places = band.places
         chosen = np.unique(np.linspace(0, places.count - 1, _ASKED_PLACES).astype(np.intp))
@@ -113,6 +113,12 @@ class _NextPicture:
         best = next_photograph(found, candidates, self.usual, self.noise_variance)
         return [*self.fixed, *directions][best.index], best
 
+    def worth_of(self, known: Photographs, more: Photographs) -> NextPhotograph:
+        """Tell what one more photograph brings to some."""
+        found = fitted(self.band.prior.at(self.chosen), known.at(self.chosen), worth=WORTH)
+        one = more.at(self.chosen)
+        return next_photograph(found, Pictures(lit=one.lit, own=one.own), self.usual, self.noise_variance)
+
     @property
     def noise_rms(self) -> float:
         """Of a photograph at a place and those about it."""
@@ -136,7 +142,7 @@ def learn_transport(rig: Rig, session: Session, step: Step, on_step: OnStep) -> 
     most, bracket = session.profile.transport.photographs, measuring_bracket(session)
     bands, shape = transport_priors(session), rig.projector.shape
     middle = len(bands) // 2
-    search = _NextPicture.of(bands[middle], model.white_variance[..., middle], shape)
+    search = PictureSearch.in_band(bands[middle], model.white_variance[..., middle], shape)
     known = [Photographs.none(band.prior) for band in bands]
     notes: list[PhotographNote] = []
     patterns: list[Pattern] = []
@@ -148,7 +154,7 @@ def learn_transport(rig: Rig, session: Session, step: Step, on_step: OnStep) -> 
             break
         pattern = Pattern(f"transport-{len(notes):02d}", np.where(picture.image, 255, 0).astype(np.uint8))
         photograph(rig, session, step, [pattern], bracket=bracket, n_patterns=1, on_step=silent)
-        taken = _evidence(model, radiometric, bands, step=step, pattern=pattern, bracket=bracket)
+        taken = photographs_of(model, radiometric, bands, step=step, pattern=pattern, bracket=bracket)
         patterns.append(pattern)
         known = [before.and_(more) for before, more in zip(known, taken, strict=True)]
         notes.append(_note(pattern.name, picture, best, to_levels))
@@ -182,7 +188,7 @@ def _note(name: str, picture: KnownPicture, best: NextPhotograph, to_levels: flo
     )
 
 
-def _evidence(
+def photographs_of(
     model: FittedScene,
     radiometric: RadiometricCalibration,
     bands: tuple[BandPrior, ...],

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -66,7 +67,7 @@ class TransportRecord(Record):
     gloss: tuple[SurfaceGloss, ...] = ()
 
 
-def save_photographs(step: Step, known: list[Photographs]) -> None:
+def save_photographs(step: Step, known: Sequence[Photographs]) -> None:
     """Keep what the photographs say as pictures, a row a photograph and a column a place, or a lit patch."""
     if not len(known[0].lit):
         return
@@ -78,14 +79,12 @@ def save_photographs(step: Step, known: list[Photographs]) -> None:
 
 
 def read_uneven(step: Step) -> FloatArray:
-    """Return (H, W, B) what the finished step's photographs left within places."""
+    """Return (H, W, B) what a step's photographs left within places."""
     return image_of(step.load_image("uneven"), "uneven").astype(np.float64)
 
 
-def read_photographs(step: Step, n_bands: int) -> list[Photographs] | None:
-    """Return what the finished step's photographs say in each band; None if it took none."""
-    if not step.load_record("transport", TransportRecord).photographs:
-        return None
+def read_told(step: Step, n_bands: int) -> list[Photographs]:
+    """Return what a step's photographs say in each band; it has to have taken some."""
     told, lit = step.load_image("told"), step.load_image("lit")
     parts = {name: image_of(told, name).astype(np.float64) for name in ("own", "difference", "variance")}
     shares = image_of(lit, "lit").astype(np.float64)
