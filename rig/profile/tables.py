@@ -263,6 +263,8 @@ class FreeSurface(Room):
     """A room and whatever stands in it, as it is measured point by point."""
 
     kind: Literal["free"]
+    also: tuple[str, ...] = ()
+    """Sessions of the same projector in the same place with the camera elsewhere, relative to the profile."""
 
 
 class SurfaceFile(Room):

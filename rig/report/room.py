@@ -6,6 +6,7 @@ from rig.files.channels import PRIMARIES
 from rig.stages.light.darkness import DarknessRecord
 from rig.stages.results import ByBand, GeometryResult, ModelResult
 from rig.stages.surface.known import RegistrationRecord
+from rig.stages.surface.positions import PositionRecord
 from rig.stages.transport.evidence import evidence_words
 from rig.stages.transport.records import SurfaceGloss
 
@@ -41,7 +42,19 @@ def _standing_words(model: ModelResult) -> str:
         f" Before the walls stand {found.parts} pieces of surface, {found.flat_parts} of them flat, in "
         f"{found.triangles} triangles: {100 * found.share_of_image:.1f} % of the decoded pixels see them{left_out}. "
         f"{_words_of_backs(found.deep)}"
+        f"{''.join(_position_words(one) for one in found.positions)}"
         f"{_continued_words(found.n_continued)}"
+    )
+
+
+def _position_words(one: PositionRecord) -> str:
+    """What a session with the camera elsewhere brought."""
+    x_m, y_m, z_m = one.camera_m
+    return (
+        f" {one.session} saw the room from ({x_m:.2f}, {y_m:.2f}, {z_m:.2f}) m, {100 * one.share_of_seen:.0f} % of "
+        f"this camera's points among it: half agree within {100 * one.median_apart:.3f} % of the distance, all to "
+        f"{one.apart_sigmas:.1f} standard deviations (root mean square), and are merged. {one.triangles} of the "
+        f"triangles, {one.area_m2:.2f} m², only it saw."
     )
 
 

@@ -158,6 +158,7 @@ def _standing(session: Session) -> StandingResult | None:
         share_of_image=found.share_of_image,
         share_left_out=found.share_left_out,
         n_continued=found.n_continued,
+        positions=found.positions,
         deep=found.backs_m is not None,
         registration=found.registration,
     )

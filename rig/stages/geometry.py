@@ -127,7 +127,7 @@ class GeometryRecord(Record):
 def geometry_settings(session: Session) -> JsonObject:
     """Return what step `geometry` depends on."""
     profile = session.profile
-    unused = {"patch_size_m", "file", "unit", "up"} | (
+    unused = {"patch_size_m", "file", "unit", "up", "also"} | (
         {"lens_height_m"} if profile.room.lens_height_m is None else set()
     )
     return {

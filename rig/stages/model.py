@@ -49,6 +49,7 @@ from rig.stages.scene_model import (
 from rig.stages.separation import projector_blur_px2
 from rig.stages.showing.dark import dark_pixels, dark_settings
 from rig.stages.surface.known import known_settings
+from rig.stages.surface.positions import positions_settings
 from rig.stages.surface.standing import StandingRecord, standing_of
 from rig.stages.transport.evidence import model_steps, told_of_light
 from rig.stages.transport.learned import BandPrior, LearnedBand, band_prior, learned_band
@@ -102,6 +103,7 @@ def model_settings(session: Session) -> JsonObject:
         "patch_size_m": profile.room.patch_size_m,
         "surface": profile.surface.kind,
         **known_settings(profile),
+        **positions_settings(session),
         "patches": "finer where something stands",
         **(
             {"backs": "close behind; bodies as deep as wide; fronts that stand; all fronts; best explained; in sigmas"}
@@ -185,10 +187,8 @@ def _together(bands: list[BandLight]) -> BandLight:
     """The mean of the bands."""
     if len(bands) == 1:
         return bands[0]
-    direct, global_, white = (
-        np.mean([getattr(light, part) for light in bands], axis=0) for part in ("direct", "global_", "white")
-    )
-    return BandLight(direct, global_, white)
+    parts = ([getattr(light, part) for light in bands] for part in ("direct", "global_", "white"))
+    return BandLight(*(np.mean(part, axis=0) for part in parts))
 
 
 def _placed(session: Session, seen: SeenInWhite, on_step: OnStep) -> tuple[PlacedByLight, ...]:

@@ -21,6 +21,7 @@ from rig.session import Session
 from rig.stages.correspondence import load_correspondence, only
 from rig.stages.geometry import GeometryRecord, Point
 from rig.stages.surface.known import KnownSurface, RegistrationRecord, known_surface
+from rig.stages.surface.positions import PositionRecord, less_guessed, positions_of, surfaces_elsewhere
 from rig.stages.surface.triangles import flat_parts
 
 LEAST_PIXELS = 40
@@ -53,6 +54,8 @@ class StandingRecord(Record):
     """Where each vertex has its back, which nobody saw, with sides between; None: close behind."""
     registration: RegistrationRecord | None = None
     """How a known mesh was found; None of what was measured point by point."""
+    positions: tuple[PositionRecord, ...] = ()
+    """Other positions of the camera, whose points are merged into it; their triangles follow the camera's own."""
 
     @classmethod
     def of(cls, surface: TriangulatedSurface, share_of_image: float, share_left_out: float) -> StandingRecord:
@@ -66,6 +69,19 @@ class StandingRecord(Record):
             share_of_image=share_of_image,
             share_left_out=share_left_out,
             finer_walls=True,
+        )
+
+    def with_elsewhere(self, more: TriangulatedSurface, position: PositionRecord) -> StandingRecord:
+        """Return the record with what only another position saw."""
+        first, part = len(self.vertices_m), len(self.flat)
+        return replace(
+            self,
+            vertices_m=(*self.vertices_m, *((x, y, z) for x, y, z in more.vertices_m.tolist())),
+            triangles=(*self.triangles, *((a, b, c) for a, b, c in (more.triangles + first).tolist())),
+            part=(*self.part, *(more.part + part).tolist()),
+            flat=(*self.flat, *more.flat.tolist()),
+            sigma_m=(*self.sigma_m, *more.sigma_m.tolist()),
+            positions=(*self.positions, position),
         )
 
     def carried_on(self, more: Continued) -> StandingRecord:
@@ -129,15 +145,19 @@ def standing_of(session: Session, geometry: GeometryRecord, shift_m: Point) -> F
             session.profile, surface, points=points, stands=stands, camera=box.camera, size_m=geometry.surface.size_m
         )
         return _of_known(known, valid)
-    points = point_map(correspondence, box.camera, box.projector, stands)
-    pieces = pieces_of(points, stands, LEAST_PIXELS)
-    parts = parts_of(points, pieces, LEAST_PIXELS)
+    every = point_map(correspondence, box.camera, box.projector)
+    others, every = positions_of(session, geometry, every, box)
+    points = replace(every, distance_m=np.where(stands, every.distance_m, np.nan))
+    parts = parts_of(points, pieces_of(points, stands, LEAST_PIXELS), LEAST_PIXELS)
     apart_m = apart_from_walls(box, points.origin_m + points.distance_m[..., None] * points.rays)
-    found = triangulated(points, parts, box.camera, session.profile.room.patch_size_m, apart_m=apart_m)
+    patch_size_m = session.profile.room.patch_size_m
+    found = triangulated(points, parts, box.camera, patch_size_m, apart_m=apart_m)
     seen = int((parts.label >= 0).sum())
     record = StandingRecord.of(found, seen / valid, (int(stands.sum()) - seen) / valid)
-    every = point_map(correspondence, box.camera, box.projector)
-    more = continued(every, parts, box, session.profile.room.patch_size_m)
+    surfaces = surfaces_elsewhere(others, every, parts.label, box=box, patch_size_m=patch_size_m, least=LEAST_PIXELS)
+    for one, more_seen in zip(others, surfaces, strict=True):
+        record = record.with_elsewhere(more_seen, one.record(more_seen))
+    more = less_guessed(continued(every, parts, box, patch_size_m), others)
     return FoundStanding(record=record, carried_on=record.carried_on(more) if len(more.triangles) else None, box=box)
 
 
