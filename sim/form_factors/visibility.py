@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sim.arrays import BoolArray, FloatArray, IntArray
+from sim.geometry.rays import low_discrepancy
 from sim.geometry.surface import Surface
 
 CHUNK = 1 << 16
@@ -51,7 +52,7 @@ def visible_fraction_of_pairs_by_rays(
     share = np.ones(len(first))
     suspects = np.array([frame.may_block(first, second) for frame in frames]).reshape(len(frames), len(first))
     parted = np.flatnonzero(suspects.any(axis=0))
-    samples = _low_discrepancy(rays_per_pair)
+    samples = low_discrepancy(rays_per_pair)
     step = max(1, CHUNK // rays_per_pair)
     for start in range(0, len(parted), step):
         here = parted[start : start + step]
@@ -146,12 +147,3 @@ def _points(surface: Surface, patches: IntArray, uv: FloatArray) -> FloatArray:
     apex, base = corners[:, None, 0], np.where(in_first[..., None], corners[:, None, 1], corners[:, None, 2])
     far = np.where(in_first[..., None], corners[:, None, 2], corners[:, None, 3])
     return np.asarray(apex + root * ((1 - across) * (base - apex) + across * (far - apex)))
-
-
-def _low_discrepancy(n: int) -> FloatArray:
-    """(n, 4) points of the additive sequence of the generalised golden ratio of four dimensions."""
-    ratio = 1.0
-    for _ in range(64):
-        ratio = (1 + ratio) ** (1 / 5)
-    steps = ratio ** -np.arange(1.0, 5.0)
-    return np.asarray((0.5 + np.outer(np.arange(1, n + 1), steps)) % 1.0)

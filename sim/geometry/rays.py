@@ -115,3 +115,15 @@ def device_of(lens: Lens, pose: Pose) -> _kernel.Device:
     return _kernel.Device(
         width=lens.width_px, height=lens.height_px, lens=numbers, rotation=rotation, position=pose.position_m
     )
+
+
+def low_discrepancy(n: int) -> FloatArray:
+    """Return (n, 4) even points in the unit cube: the additive sequence of four dimensions' generalised golden ratio.
+
+    M. Roberts, The unreasonable effectiveness of quasirandom sequences, 2018.
+    """
+    ratio = 1.0
+    for _ in range(64):
+        ratio = (1 + ratio) ** (1 / 5)
+    steps = ratio ** -np.arange(1.0, 5.0)
+    return np.asarray((0.5 + np.outer(np.arange(1, n + 1), steps)) % 1.0)

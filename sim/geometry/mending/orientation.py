@@ -17,6 +17,7 @@ from scipy.sparse.csgraph import connected_components
 from sim.arrays import BoolArray, FloatArray, IntArray
 from sim.geometry.mending.remarks import Facets, Remark, counted, named
 from sim.geometry.mending.tracing import Tracing
+from sim.geometry.rays import low_discrepancy
 from sim.geometry.topology import Topology
 
 RAYS = 1 << 17
@@ -167,11 +168,9 @@ class _Rays:
 
     @classmethod
     def of(cls, facets: Facets, label: IntArray) -> _Rays:
-        from scipy.stats import qmc  # here, for it takes its time
-
         facet = _spread(label, facets.areas)
         n = len(facet)
-        u = qmc.Sobol(4, seed=0).random_base2(int(n - 1).bit_length())[:n]
+        u = low_discrepancy(n)
         tracing = Tracing.of(facets)
         places, normals = tracing.points(facet, u[:, :2])
         up = tracing.directions(facet, u[:, 2:])
