@@ -363,7 +363,8 @@ FIRST = SimpleNamespace(share=0.984, left_over=0.00625, axes=SQUARE)
 
 @pytest.fixture
 def nothing_else(monkeypatch):
-    """Neither tangents nor furniture, and nothing contradicts what is held."""
+    """Neither tangents, a room inside out nor furniture, and nothing contradicts what is held."""
+    monkeypatch.setattr(rivals, "unheld_reversal", lambda *_: None)
     monkeypatch.setattr(rivals, "without_tangents", lambda *_, **__: None)
     for name in ("planes_before_others", "small_planes"):
         monkeypatch.setattr(rivals, name, lambda *_: [])

@@ -7,7 +7,7 @@ import pytest
 
 from calibration.errors import CalibrationError
 from calibration.geometry import stereo
-from calibration.geometry.flat.depth_reversal import reversed_fit, reversed_scene
+from calibration.geometry.flat.depth_reversal import reversed_fit, reversed_scene, unheld_reversal
 from calibration.geometry.flat.third_wall import WeighedPoints
 from calibration.geometry.plane_search import candidates
 from calibration.geometry.stereo import calibrate_stereo
@@ -142,7 +142,7 @@ def test_a_search_that_took_a_corner_for_its_reversal_comes_back(corner, both_co
 
     def inside_out(x1, x2, nominal, *, right_angles):
         found = next(candidates(x1, x2, nominal, right_angles=right_angles))
-        other = reversed_fit(found, WeighedPoints(x1, x2, np.ones_like(x1)), nominal)
+        other = unheld_reversal(found, WeighedPoints(x1, x2, np.ones_like(x1)), nominal)
         yield min((found, other), key=lambda fit: side(fit) @ true_side(corner))
 
     monkeypatch.setattr(stereo, "candidates", inside_out)
