@@ -25,7 +25,7 @@ IntArray = NDArray[np.intp]
 NAMED = 10
 """How many faces a message names."""
 AT_ONCE = 20_000
-"""Faces cut together: some 20 MB of arrays for quads, and no faster with more."""
+"""Faces cut together: a hundred thousand quads take 0.08 s so, 0.11 s all at once and twice the memory."""
 
 
 @dataclass(frozen=True, eq=False)
