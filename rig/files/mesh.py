@@ -42,6 +42,7 @@ TURNED_UP: dict[UpAxis, tuple[list[int], tuple[int, int, int]]] = {
 FORMATS = (".obj", ".ply", ".stl", ".gltf", ".glb")
 
 
+@np.errstate(over="ignore", invalid="ignore")  # of absurd numbers: what comes of them is judged afterwards
 def read_mesh(
     path: str | Path,
     *,
@@ -226,6 +227,7 @@ class TriangleSoup:
     """(T,) of the file's colour, that is matte and in ``colours``."""
 
 
+@np.errstate(over="ignore", invalid="ignore")  # of absurd numbers: what comes of them is judged afterwards
 def read_triangles(path: str | Path, *, unit: Unit = "m", up: UpAxis | None = None) -> TriangleSoup:
     """Read the triangles of a file with their colours, for who takes any mesh.
 

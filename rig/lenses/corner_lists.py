@@ -15,6 +15,8 @@ from rig.terminal.line import counted
 
 FloatArray = NDArray[np.float64]
 LastColumn = Literal["level", "weight"]
+_FARTHEST_PX = 1e6
+"""No picture is as large, nor is a corner seen so far outside of one."""
 _LISTED = 12
 
 
@@ -59,7 +61,10 @@ def read_corner_lists(path: Path, corners: int, last_column: LastColumn | None) 
             continue
         entry = _entry(words, kind)
         if entry is None:
-            problems.append(f"{path}: line {number}: `{line.strip()}` is no `filename x y {kind}`; numbers or -")
+            problems.append(
+                f"{path}: line {number}: `{line.strip()}` is no `filename x y {kind}`; numbers, pixels up to "
+                f"{_FARTHEST_PX:g}, or -"
+            )
             continue
         rows.setdefault(words[0], []).append(entry)
     lists = {name: _list_of(found) for name, found in rows.items()}
@@ -89,7 +94,7 @@ def _entry(words: list[str], kind: LastColumn) -> tuple[float, float, float] | N
         value = -1.0 if last == "-" else float(last)
     except ValueError:
         return None
-    if not np.isfinite([x, y, value]).all():
+    if not (np.isfinite([x, y, value]).all() and max(abs(x), abs(y)) <= _FARTHEST_PX):
         return None
     if kind == "level":
         return (x, y, 0.5**value if value >= 0 else 0.0)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from types import TracebackType
 
 from rich.console import Console
@@ -10,7 +11,7 @@ from rich.text import Text
 
 from rig.live.results import ShowResult
 from rig.live.show.controls import KEYS
-from rig.terminal import print_table
+from rig.terminal import print_table, say
 
 
 class StatusLine:
@@ -43,6 +44,15 @@ class StatusLine:
 
 def print_live(result: ShowResult) -> None:
     """The result of `rig live` as a table, and its notes on the other stream."""
+    if result.figures.frames:
+        _print_figures(result)
+    else:
+        say(f"live, {result.strategy}, {result.seconds:.1f} s: no picture was shown")
+    for note in result.notes:
+        say(note, sys.stderr)
+
+
+def _print_figures(result: ShowResult) -> None:
     figures, light = result.figures, result.light_latency_ms
     on_time = figures.on_time_share
     rows = [
@@ -62,5 +72,3 @@ def print_live(result: ShowResult) -> None:
     if light is not None:
         rows.append(("picture in memory to light, median [ms]", light.p50))
     print_table(f"live, {result.strategy}, {result.seconds:.1f} s", ("", "value"), rows)
-    for note in result.notes:
-        Console(stderr=True).print(note, style="yellow", markup=False, highlight=False)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 
 import numpy as np
@@ -32,7 +33,7 @@ def refuse_implausible_unit(manifest: Manifest) -> None:
     """Raise ProfileError when camera and projector are as far apart as no rig is."""
     if manifest.camera is None or manifest.projector is None:
         return
-    apart_m = float(np.linalg.norm(manifest.projector.position_m - manifest.camera.position_m))
+    apart_m = math.hypot(*(manifest.projector.position_m - manifest.camera.position_m))
     if apart_m == 0 or _LEAST_BASELINE_M <= apart_m <= _MOST_BASELINE_M:
         return
     other = {"m": "mm", "mm": "m"}[manifest.unit]

@@ -30,7 +30,7 @@ from rig.report.scene.shown import (
 )
 from rig.report.scene.view import view_of
 from rig.report.strategy_pictures import PictureRow, picture_rows
-from rig.report.terms import explained
+from rig.report.terms import explained, name_of
 from rig.session import Session
 from rig.session.timing import seconds_by_step
 from rig.stages.compensation import load_compensation
@@ -262,7 +262,7 @@ def _provenance(session: Session, target: ShownTarget | None) -> str:
 def _truth_table(truth: TruthErrors | None) -> TextTable | None:
     if truth is None:
         return None
-    rows = [[key.replace("_", " "), f"{value:.4g}"] for key, value in truth.as_json().items()]
+    rows = [[name_of(key), f"{value:.4g}"] for key, value in truth.as_json().items()]
     return TextTable(["what", "error"], rows)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from rig.records import Record
+from rig.report.terms import name_of
 from rig.stages.results import PartialResult, SessionResult
 from rig.terminal import print_table, say
 
@@ -36,7 +37,8 @@ def print_result(result: SessionResult) -> None:
                 f"is to be expected ({figure.because}); raised by {figure.raised_by}; {figure.remedy}"
             )
     if result.truth is not None:
-        print_table("Error against the simulated world", ["what", "error"], list(result.truth.as_json().items()))
+        errors = [(name_of(key), value) for key, value in result.truth.as_json().items()]
+        print_table("Error against the simulated world", ["what", "error"], errors)
     print(f"report: {result.report}")
 
 
@@ -59,5 +61,7 @@ def _numbers(name: str, section: Record | None) -> list[tuple[str, float | str]]
     if section is None:
         return []
     return [
-        (f"{name}: {key}", value) for key, value in section.as_json().items() if isinstance(value, int | float | str)
+        (f"{name}: {name_of(key)}", value)
+        for key, value in section.as_json().items()
+        if isinstance(value, int | float | str)
     ]

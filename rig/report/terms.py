@@ -75,6 +75,20 @@ WORDS: Mapping[str, str] = {
 """Heads of columns, and rows that are judged."""
 
 
+UNITS: Mapping[str, str] = {"px": "px", "m": "m", "mm": "mm", "s": "s", "deg": "°", "percent": "%"}
+"""As keys of results end, and as people write them."""
+SPELT: Mapping[str, str] = {"rmse": "rms error", "focal": "focal length", "p95": "of 95 in 100 below"}
+"""Words of keys that are short for others."""
+
+
+def name_of(key: str) -> str:
+    """Return what a key of a result is called where people read it: ``focal_percent`` is ``focal length [%]``."""
+    words = key.split("_")
+    unit = UNITS.get(words[-1]) if len(words) > 1 else None
+    named = " ".join(SPELT.get(word, word) for word in (words if unit is None else words[:-1]))
+    return named if unit is None else f"{named} [{unit}]"
+
+
 def explanation(word: str) -> str:
     """Return what a word means, empty where that needs no words."""
     return STRATEGIES.get(word) or WORDS.get(word) or STRATEGIES.get(word.partition(",")[0], "")

@@ -168,7 +168,10 @@ class Topology:
 
 def extent(vertices: FloatArray) -> float:
     """Return the largest extent along an axis of corners (..., 3) [m]."""
-    return float(np.ptp(vertices.reshape(-1, 3), axis=0).max()) if vertices.size else 0.0
+    if not vertices.size:
+        return 0.0
+    with np.errstate(over="ignore"):  # infinite then, as is refused
+        return float(np.ptp(vertices.reshape(-1, 3), axis=0).max())
 
 
 def weld(points: FloatArray, tolerance_m: float) -> tuple[FloatArray, IntArray]:

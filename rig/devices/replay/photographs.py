@@ -65,7 +65,7 @@ class _Pose(Table):
 
     @model_validator(mode="after")
     def _rotates(self) -> _Pose:
-        rotation = np.array(self.rotation).reshape(3, 3)
+        rotation = np.clip(self.rotation, -2.0, 2.0).reshape(3, 3)  # no rotation has more than 1, and none overflows
         error = float(np.abs(rotation @ rotation.T - np.eye(3)).max())
         if error > _ROTATION_TOLERANCE or np.linalg.det(rotation) < 0:
             raise ValueError(

@@ -27,8 +27,8 @@ _DARKEST_SIGMAS = 2.33
 """The darkest hundredth of normal noise lies so many standard deviations below its mean."""
 _LEAST_NOISE_DN = 0.5
 """A whole number may be off by so much."""
-_QUIET_HALF = 0.62
-"""Mean of a squared normal deviate up to its 0.9 quantile: 1 - 2 * 1.645 * 0.1031 / 0.9, which an edge cannot raise."""
+_QUIET_HALF = 0.143
+"""Mean of a squared normal deviate up to its median: 1 - 2 * 0.6745 * 0.3178 / 0.5, which edges cannot raise."""
 UNMEASURED_FRAMES = 4
 """Where the change cannot be seen (darkness, saturation) so many frames have to be steady, or more."""
 
@@ -67,10 +67,11 @@ class Settling:
             self._usable[:] = True
         usable = sample[self._usable]
         self._before_dn = float(usable.mean())
-        noise_dn = _noise_dn(sample)
-        black_dn = np.quantile(usable, _BLACK_SHARE) + _DARKEST_SIGMAS * noise_dn
+        noise_dn = _noise_dn(self.before)
+        black_dn = min(np.quantile(usable, _BLACK_SHARE) + _DARKEST_SIGMAS * noise_dn, np.median(usable))
         light_dn = np.where(usable > black_dn + _ABOVE_NOISE * noise_dn, usable - black_dn, 0.0)
-        self.expected_dn = float(np.minimum(black_dn + light_dn * self.ratio, self.full_scale_dn).mean())
+        expected = np.minimum(usable + light_dn * (self.ratio - 1), self.full_scale_dn)
+        self.expected_dn = float(expected.mean())
 
     def add(self, pixels: NDArray[np.uint16]) -> bool:
         """Look at one more frame; True when this one and the last are settled."""
@@ -104,10 +105,14 @@ class Settling:
         return max(_STEADY_SHARE * mean_dn, _STEADY_DN_OF_255 * self.full_scale_dn / 255)
 
 
-def _noise_dn(sample: NDArray[np.uint16]) -> float:
-    """Return the noise of the darker half, in dn: what pixels differ from the next of their row."""
-    across = np.diff(sample.astype(np.float64), axis=1)
-    darker = across[sample[:, :-1] <= np.median(sample)]
-    squares = np.square(darker) if darker.size else np.zeros(1)
-    usual = squares[squares <= np.quantile(squares, 0.9)].mean()
+def _noise_dn(pixels: NDArray[np.uint16]) -> float:
+    """Return the noise of the darker half, in dn: what pixels differ from like neighbours in their row.
+
+    Neighbours at full resolution: pixels further apart differ by what the picture shows, in a checker all of them.
+    """
+    rows = pixels[::_EVERY].astype(np.float64)
+    left, right = rows[:, :-1:_EVERY], rows[:, 1::_EVERY]
+    across = (right - left)[left <= np.median(left)]
+    squares = np.square(across) if across.size else np.zeros(1)
+    usual = squares[squares <= np.quantile(squares, 0.5)].mean()
     return max(float(np.sqrt(usual / (2 * _QUIET_HALF))), _LEAST_NOISE_DN)

@@ -3,13 +3,17 @@
 import re
 import resource
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from rig.cli.app import run_command
+from tests.calibration.lenses.board_world import CAMERA_SIZE, sightings, truth
+from tests.rig.lenses.test_lenses import write_lists
 
+ROOT = Path(__file__).parents[3]
 MOST_BYTES = 4 << 30
 ANSWERS, REFUSALS = (0, 1), (1, 2, 3, 4, 20, 21, 22, 23, 24)
 
@@ -50,3 +54,17 @@ def rig(capsys: pytest.CaptureFixture[str]) -> Callable[..., Said]:
         return said
 
     return run
+
+
+@pytest.fixture(scope="module")
+def boards(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Lists of corners and their manifest, the lens file that they give, and a profile that names it."""
+    folder = tmp_path_factory.mktemp("boards")
+    seen = sightings(truth(6, seed=7))
+    write_lists(folder, replace(seen, projector_by_camera=np.zeros_like(seen.projector_by_camera)))
+    assert run_command(["lenses", str(folder / "lenses.toml"), "-o", str(folder / "out.toml"), "--json"]) in ANSWERS
+    text = (ROOT / "hw_profiles" / "ci-tiny.toml").read_text(encoding="utf-8")
+    for old, new in (("320", CAMERA_SIZE[0]), ("240", CAMERA_SIZE[1])):
+        text = text.replace(f"_px = {old}", f"_px = {new}", 1)
+    (folder / "profile.toml").write_text(text.replace("[[camera]]", '[[camera]]\nlens = "out.toml"', 1))
+    return folder

@@ -102,6 +102,13 @@ def nest(data: bytes, random: Random) -> bytes:
     return data[:k] + b"[" * 100_000 + data[k:]
 
 
+def with_number(data: bytes, place: int, number: bytes) -> bytes:
+    """Another number in the place of one; places begin again where they end."""
+    places = list(_NUMBER.finditer(data))
+    match = places[place % len(places)]
+    return data[: match.start()] + number + data[match.end() :]
+
+
 MUTATIONS: tuple[Mutation, ...] = (
     flip_a_bit,
     change_a_digit,

@@ -5,18 +5,13 @@ import math
 import shutil
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pytest
 
-from rig.cli.app import run_command
-from tests.calibration.lenses.board_world import CAMERA_SIZE, sightings, truth
 from tests.rig.conftest import Finished
 from tests.rig.hostile.conftest import ANSWERS, REFUSALS, Said
 from tests.rig.hostile.mutations import mutated
-from tests.rig.lenses.test_lenses import write_lists
 from tests.rig.sweeps.conftest import STUDY
 
 pytestmark = pytest.mark.timeout(60, func_only=True)
@@ -122,20 +117,6 @@ def test_what_is_spoilt_here_was_whole(rig: Callable[..., Said], tmp_path: Path,
         assert rig("plan", path, "--no-search", "--report", tmp_path / "room.html").status in ANSWERS
     else:
         assert rig("sweep", path, "--folder", tmp_path / "points", "--workers", "1").status == 0
-
-
-@pytest.fixture(scope="module")
-def boards(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Lists of corners and their manifest, the lens file that they give, and a profile that names it."""
-    folder = tmp_path_factory.mktemp("boards")
-    seen = sightings(truth(6, seed=7))
-    write_lists(folder, replace(seen, projector_by_camera=np.zeros_like(seen.projector_by_camera)))
-    assert run_command(["lenses", str(folder / "lenses.toml"), "-o", str(folder / "out.toml"), "--json"]) in ANSWERS
-    text = (ROOT / "hw_profiles" / "ci-tiny.toml").read_text(encoding="utf-8")
-    for old, new in (("320", CAMERA_SIZE[0]), ("240", CAMERA_SIZE[1])):
-        text = text.replace(f"_px = {old}", f"_px = {new}", 1)
-    (folder / "profile.toml").write_text(text.replace("[[camera]]", '[[camera]]\nlens = "out.toml"', 1))
-    return folder
 
 
 @pytest.mark.parametrize("seed", range(28))

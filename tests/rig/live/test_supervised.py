@@ -105,6 +105,16 @@ def test_each_source_that_fails_has_a_status_of_its_own(
     assert told["failure"]["message"] in told["notes"]
 
 
+def test_a_show_in_which_nothing_was_seen_says_so_and_why_instead_of_a_table_without_numbers(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    assert run_command(["live", "-p", "ci-tiny", "--source", broken_film(tmp_path)]) == FILM
+    captured = capsys.readouterr()
+    assert "no picture was shown" in captured.out
+    assert "latency" not in captured.out
+    assert "no video that can be read" in captured.err
+
+
 def test_a_pipe_that_nobody_writes_to_is_no_show_that_went_well(
     capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:

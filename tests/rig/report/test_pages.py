@@ -15,7 +15,7 @@ from rig.plug_ins import names, own_strategies
 from rig.records import Verdict
 from rig.report.links import link_pages
 from rig.report.page import write_report
-from rig.report.terms import STRATEGIES, explanation
+from rig.report.terms import STRATEGIES, explanation, name_of
 from rig.run.results import session_result
 from rig.session import Session
 from rig.stages.stripes.showing import focus_verdicts
@@ -63,6 +63,20 @@ def test_the_page_names_walls_scales_and_the_command_that_was_used(page: str, fi
         assert alt in page
     with Session.read(finished.folder) as session:
         assert session.commands == [f"rig run {finished.folder} -p ci-tiny --json"]
+
+
+@pytest.mark.parametrize(
+    ("key", "words"),
+    [
+        ("camera_position_mm", "camera position [mm]"),
+        ("focal_percent", "focal length [%]"),
+        ("reflectance_rmse_lit_and_seen", "reflectance rms error lit and seen"),
+        ("patches", "patches"),
+        ("s", "s"),
+    ],
+)
+def test_a_key_of_a_result_is_a_name_with_its_unit_where_people_read_it(key: str, words: str) -> None:
+    assert name_of(key) == words
 
 
 def test_a_page_needs_nothing_from_elsewhere_and_has_no_inline_handlers(page: str) -> None:

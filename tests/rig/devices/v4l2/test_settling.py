@@ -70,7 +70,42 @@ def test_the_message_says_what_was_expected_and_what_was_seen() -> None:
     half_lit = np.repeat([[[0]], [[100]]], 8, axis=0).repeat(16, axis=1).astype(np.uint16)
     settling = Settling(before=half_lit, ratio=2.0, full_scale_dn=FULL)
     settling.add(np.full((16, 16, 1), 51, np.uint16))
-    assert settling.state() == "mean of unsaturated pixels before 50.00 dn, expected about 100.00, seen 51.00"
+    assert settling.state() == "mean of unsaturated pixels before 50.00 dn, expected about 99.42, seen 51.00"
+
+
+@pytest.mark.parametrize("size_px", [3, 4, 6])
+@pytest.mark.parametrize("ratio", [1 / 8, 1 / 3, 3.0])
+def test_a_checker_seen_by_a_webcam_is_followed_though_no_pixel_is_like_the_ones_around(
+    size_px: int, ratio: float
+) -> None:
+    """A tone curve of sRGB, 8 bits: bright checks are saturated, dark ones are grey, and black is nowhere."""
+    row, column = np.indices((120, 160)) // size_px
+    falloff = np.linspace(1.0, 0.4, 160)[None, :, None]
+    light = np.where((row + column) % 2, 1.6, 0.5)[..., None] * falloff * (0.4 if ratio > 1 else 1.0)
+
+    def frame(exposure: float, seed: int) -> np.ndarray:
+        noisy = light * exposure + np.random.default_rng(seed).normal(0, 0.004, light.shape)
+        linear = np.clip(noisy, 0, 1)
+        curve = np.where(linear < 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
+        return np.rint(FULL * curve).astype(np.uint16)
+
+    settling = Settling(before=frame(1.0, 0), ratio=ratio, full_scale_dn=FULL)
+    assert settling.is_measurable
+    stale = [settling.add(frame(1.0, seed)) for seed in range(1, 5)]
+    assert stale == [False] * 4, "the old exposure is never taken for the new one"
+    assert [settling.add(frame(ratio, seed)) for seed in range(5, 7)] == [False, True]
+
+
+@pytest.mark.parametrize("seed", range(12))
+@pytest.mark.parametrize("ratio", [1 / 8, 1 / 2, 2.0, 8.0])
+def test_what_is_expected_is_never_on_the_wrong_side(seed: int, ratio: float) -> None:
+    """Whatever the picture: more exposure is no less light, less exposure no more."""
+    random = np.random.default_rng(seed)
+    steps = random.integers(1, 12)
+    picture = random.integers(0, FULL + 1, (48 // steps + 1, 64 // steps + 1)).repeat(steps, 0).repeat(steps, 1)
+    settling = Settling(before=picture[..., None].astype(np.uint16), ratio=ratio, full_scale_dn=FULL)
+    usable = settling.state().split()[5]
+    assert (settling.expected_dn - float(usable)) * (ratio - 1) >= -0.01
 
 
 def test_a_black_level_is_no_light_that_a_longer_exposure_would_raise() -> None:
