@@ -29,6 +29,7 @@ from calibration.geometry.flat.rivals import uncontradicted_rival
 from calibration.geometry.flat.third_wall import WeighedPoints, weights_of, with_third_wall
 from calibration.geometry.known.contradiction import OtherLens, contradiction, hold_against_boards
 from calibration.geometry.known.lenses import KnownLenses
+from calibration.geometry.known.right_angles import by_askew_walls
 from calibration.geometry.noise import standard_deviations
 from calibration.geometry.pinhole import PinholeModel, project, world_rays
 from calibration.geometry.plane_bundle import BundleSolution
@@ -51,6 +52,8 @@ class Uncertainty:
     """(n,)"""
     covariance: FloatArray
     """(n, n)"""
+    askew: FloatArray
+    """(n, n) beside it, were each wall that is taken to be square off by 0.3 degrees."""
     axes: Axes
     nominal: NominalIntrinsics
 
@@ -121,15 +124,14 @@ class StereoCalibration:
             room_axes=scene.axes.directions,
         )
 
-    def known_to(self, unknowns: FloatArray, covariance: FloatArray) -> StereoCalibration:
-        """Return the calibration of other unknowns (n,), and with another covariance of them (n, n)."""
+    def known_to(self, unknowns: FloatArray, covariance: FloatArray, askew: FloatArray) -> StereoCalibration:
+        """Return the calibration of other unknowns (n,), and with other covariances of them (n, n)."""
         known = self.uncertainty
         if known is None:
             return self
         sigmas = lens_sigmas(covariance, known.nominal)
-        return replace(
-            self.at(unknowns), sigmas=sigmas, uncertainty=replace(known, unknowns=unknowns, covariance=covariance)
-        )
+        other = replace(known, unknowns=unknowns, covariance=covariance, askew=askew)
+        return replace(self.at(unknowns), sigmas=sigmas, uncertainty=other)
 
 
 def calibrate_stereo(
@@ -375,7 +377,11 @@ def _finished(bundle: BundleSolution, x1: FloatArray, x2: FloatArray, nominal: N
         inlier_share=float(used.mean()),
         explained=ExplainedPixels(projector_xy_px=x2[used], plane=bundle.label[used], others_xy_px=x2[~used]),
         uncertainty=Uncertainty(
-            unknowns=bundle.fit.z, covariance=bundle.covariance, axes=bundle.start_axes, nominal=nominal
+            unknowns=bundle.fit.z,
+            covariance=bundle.covariance,
+            askew=by_askew_walls(bundle),
+            axes=bundle.start_axes,
+            nominal=nominal,
         ),
     )
 

@@ -61,6 +61,9 @@ WORDS: Mapping[str, str] = {
     "geometry: what the least certain length or place is off by, once in a hundred": (
         "2.58 of its standard deviations: so much, or more, in one rig of a hundred that state these."
     ),
+    "geometry: what the least certain length or place is off by, if walls are 0.3° askew": (
+        "Right angles that the profile promises are taken as exact; this is what rests on them, beside the uncertainty."
+    ),
     "geometry: directions in which no wall was measured": "Along these the place of walls is only a guess.",
     "stripes of the code, wider than usual": "The lenses blur the code's own stripes away: places are rougher.",
     "valid share of the lit pixels": "Lit camera pixels for which the projector pixel is known.",

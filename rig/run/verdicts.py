@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
+from calibration.geometry.known.right_angles import USUAL_ASKEW_DEG
 from rig.profile.schema import Profile
 from rig.profile.tables import Limits
 from rig.records import Verdict
@@ -76,7 +79,24 @@ def geometry_verdicts(geometry: GeometryResult, limits: Limits) -> tuple[Verdict
             value=_ONCE_IN_A_HUNDRED * max(_length_sigma_percent(geometry), _place_sigma_percent(geometry)),
             unit="%",
         ),
+        *_rests_on_right_angles(geometry),
         *focus_verdicts(geometry.stripes_times),
+    )
+
+
+def _rests_on_right_angles(geometry: GeometryResult) -> tuple[Verdict, ...]:
+    """Return what walls that stand a little askew would cost: no points tell it where they are taken to be square."""
+    if geometry.askew_sigmas is None:
+        return ()
+    askew = replace(geometry, sigmas=geometry.askew_sigmas)
+    percent = max(_length_sigma_percent(askew), _place_sigma_percent(askew))
+    return (
+        Verdict(
+            what=f"geometry: what the least certain length or place is off by, if walls are {USUAL_ASKEW_DEG:g}° askew",
+            value=percent,
+            unit="%",
+            advice=f"right_angles = true is taken as exact: {_SURER}",
+        ),
     )
 
 

@@ -5,13 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from calibration.errors import CalibrationError
 from calibration.geometry.contradictions import MOST_DISTANCE_SIGMA
-from calibration.geometry.known.lengths import TapedCalibration
+from calibration.geometry.known.lengths import Figures, TapedCalibration
 from calibration.geometry.known.tape import check_against_tape, check_lens_height
 from calibration.geometry.noise import plus_minus
 from calibration.geometry.pinhole import PinholeModel, vector_of
@@ -24,16 +23,9 @@ from rig.profile.schema import Profile
 from rig.records import JsonObject, Record
 from rig.session import Session, Step
 from rig.stages.correspondence import load_correspondence, load_correspondence_figures
+from rig.stages.maps.edges import inside_and_beside
 from rig.stages.stripes.showing import blaming_focus
 from rig.terminal import OnStep
-
-_EDGE_SHARE = 0.005
-"""Pixels nearer than this to an edge do not enter the geometry, as a share of the picture's width."""
-_LEAST_INSIDE = 0.2
-"""Where fewer of the refined pixels lie inside than this share, all of them are used."""
-_AROUND_SHARE, _HOLE_SHARE = 0.1, 0.014
-"""Of the picture's width: what counts as around a pixel, and the widest hole that is no edge: a window of
-:func:`calibration.structured_light.subpixel.refine_subpixel` reaches across it."""
 
 TAPE_SIGMA = 0.003
 """Standard deviation of a length by tape, as a share of it: a centimetre in three metres."""
@@ -122,6 +114,9 @@ class GeometryRecord(Record):
     Positions of the devices are those in the room; `relative` is the projector in the camera's frame, `surface` the
     distance of a measured wall from the projector. What was guessed, because no wall along an axis was seen, has none.
     """
+    askew_sigmas: Mapping[str, float] | None = None
+    """By the same names, what of poses and lengths would be off, were each wall that is taken to be square off by 0.3
+    degrees; None where no right angle was taken for granted, and of sessions of older versions."""
 
 
 def geometry_settings(session: Session) -> JsonObject:
@@ -191,7 +186,8 @@ def geometry_of(
     room = _room(taped.pair, profile, taped.tape_errors)
     sigmas = _sigmas(taped, profile, room)
     check_devices_placed(room.box, sigmas, room.pair.baseline)
-    return _record(profile, room, {**taped.pair.sigmas, **sigmas})
+    askew = _askew_sigmas(taped, profile, room) if any(axis >= 0 for axis in taped.pair.axes) else None
+    return _record(profile, room, {**taped.pair.sigmas, **sigmas}, askew)
 
 
 def _held_to_tape(apart: TapedCalibration, profile: Profile) -> TapedCalibration:
@@ -252,47 +248,6 @@ def check_devices_placed(box: RoomBox, sigmas: Mapping[str, float], baseline_m: 
     )
 
 
-def inside_and_beside(correspondence: Correspondence) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Pixels away from edges of the picture and of surfaces, and those beside: there coordinates are biased.
-
-    At such edges the refinement keeps integer codes, so these tell where the edges are. But noise and glare leave
-    holes and integer codes all over a dim wall or a strip of floor, of which then nothing would be inside. Around a
-    pixel where hardly any is, only the rim of what was decoded is an edge.
-    """
-    refined = correspondence.valid & ~_is_whole(correspondence.projector_xy_px)
-    inside = _away_from_edges(refined)
-    if inside.any():
-        scarce = _around(inside) <= _LEAST_INSIDE * _around(refined)
-        inside |= refined & scarce & _away_from_edges(_without_holes(correspondence.valid))
-    if inside.sum() <= _LEAST_INSIDE * refined.sum():
-        return refined, np.zeros_like(inside)
-    return inside, refined & ~inside
-
-
-def _is_whole(xy_px: NDArray[np.float32]) -> NDArray[np.bool_]:
-    """(H, W) pixels whose code was not refined."""
-    with np.errstate(invalid="ignore"):
-        return np.asarray((np.abs(xy_px * 2 - np.round(xy_px * 2)) < 1e-6).all(axis=-1))
-
-
-def _away_from_edges(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    square = np.ones((2 * round(_EDGE_SHARE * mask.shape[1]) + 1,) * 2, np.uint8)
-    return np.asarray(cv2.erode(mask.astype(np.uint8), square, borderValue=0) > 0)
-
-
-def _without_holes(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    square = np.ones((2 * (round(_HOLE_SHARE * mask.shape[1]) // 2) + 1,) * 2, np.uint8)
-    return np.asarray(cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_CLOSE, square) > 0)
-
-
-def _around(mask: NDArray[np.bool_]) -> NDArray[np.float32]:
-    """How many pixels of a mask lie around each pixel."""
-    side = 2 * (round(_AROUND_SHARE * mask.shape[1]) // 2) + 1
-    return np.asarray(
-        cv2.boxFilter(mask.astype(np.float32), -1, (side, side), normalize=False, borderType=cv2.BORDER_CONSTANT)
-    )
-
-
 @dataclass(frozen=True, eq=False)
 class _ScaledRoom:
     pair: StereoCalibration
@@ -319,14 +274,24 @@ def _room(pair: StereoCalibration, profile: Profile, tape_errors: NDArray[np.flo
 
 def _sigmas(taped: TapedCalibration, profile: Profile, room: _ScaledRoom) -> dict[str, float]:
     """Standard deviations of poses and lengths: the fit's, and the tape's."""
+    return _named(taped.sigmas_of(_figures_by(profile, room)), profile, room)
 
+
+def _askew_sigmas(taped: TapedCalibration, profile: Profile, room: _ScaledRoom) -> dict[str, float]:
+    """What of poses and lengths would be off, were each wall that is taken to be square off by 0.3 degrees."""
+    return _named(taped.askew_sigmas_of(_figures_by(profile, room)), profile, room)
+
+
+def _figures_by(profile: Profile, room: _ScaledRoom) -> Figures:
     def figures(calibration: StereoCalibration, tape_errors: NDArray[np.float64]) -> NDArray[np.float64]:
         return _figures(_room(calibration, profile, tape_errors), room)
 
-    together = taped.sigmas_of(figures)
+    return figures
+
+
+def _named(sigmas: NDArray[np.float64], profile: Profile, room: _ScaledRoom) -> dict[str, float]:
     guessed = _guessed(profile, room)
-    named = zip(_FIGURES, together, strict=True)
-    return {name: float(sigma) for name, sigma in named if name not in guessed}
+    return {name: float(sigma) for name, sigma in zip(_FIGURES, sigmas, strict=True) if name not in guessed}
 
 
 def _guessed(profile: Profile, room: _ScaledRoom) -> set[str]:
@@ -372,7 +337,9 @@ def _figures(room: _ScaledRoom, nominal: _ScaledRoom) -> NDArray[np.float64]:
     return np.concatenate([*lengths, np.degrees(np.concatenate(turns)), [np.linalg.norm(relative)]])
 
 
-def _record(profile: Profile, room: _ScaledRoom, sigmas: Mapping[str, float]) -> GeometryRecord:
+def _record(
+    profile: Profile, room: _ScaledRoom, sigmas: Mapping[str, float], askew: Mapping[str, float] | None
+) -> GeometryRecord:
     pair, box = room.pair, room.box
     return GeometryRecord(
         cameras={profile.camera.name: DeviceGeometry.of(box.camera, pair.camera_rms_px)},
@@ -384,6 +351,7 @@ def _record(profile: Profile, room: _ScaledRoom, sigmas: Mapping[str, float]) ->
         rms_px=pair.rms_px,
         inlier_share=pair.inlier_share,
         sigmas=sigmas,
+        askew_sigmas=askew,
     )
 
 

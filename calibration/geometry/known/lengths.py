@@ -25,19 +25,26 @@ class TapedCalibration:
     """(T,) by how many of its standard deviations each length is longer than the tape says."""
     covariance: FloatArray
     """(n + T, n + T) of the calibration's unknowns and of these; n is 0 of one that was not fitted."""
+    askew: FloatArray
+    """(n + T, n + T) beside it, were each wall that is taken to be square off by 0.3 degrees."""
 
     @classmethod
     def apart(cls, pair: StereoCalibration, tapes: int) -> TapedCalibration:
         """Return both as they are before one is held to the other."""
-        of_fit = np.zeros((0, 0)) if pair.uncertainty is None else pair.uncertainty.covariance
-        n = len(of_fit)
-        covariance = np.eye(n + tapes)
-        covariance[:n, :n] = of_fit
-        return cls(pair=pair, tape_errors=np.zeros(tapes), covariance=covariance)
+        known = pair.uncertainty
+        n = 0 if known is None else len(known.unknowns)
+        covariance, askew = np.eye(n + tapes), np.zeros((n + tapes, n + tapes))
+        if known is not None:
+            covariance[:n, :n], askew[:n, :n] = known.covariance, known.askew
+        return cls(pair=pair, tape_errors=np.zeros(tapes), covariance=covariance, askew=askew)
 
     def sigmas_of(self, figures: Figures) -> FloatArray:
         """Return the (m,) standard deviations of any figures that follow from both."""
         return standard_deviations(lambda x: figures(*self._parts(x)), self._all, self.covariance)
+
+    def askew_sigmas_of(self, figures: Figures) -> FloatArray:
+        """Return by how much (m,) figures would be off, were each wall taken to be square off by 0.3 degrees."""
+        return standard_deviations(lambda x: figures(*self._parts(x)), self._all, self.askew)
 
     def held_to(self, differences: Figures) -> TapedCalibration:
         """Make differences between what was measured and what the tape says zero.
@@ -55,7 +62,8 @@ class TapedCalibration:
         Notes
         -----
         Both are normally distributed about what they say, and differences are straight in both: then the likeliest is
-        x - C A' (A C A')^-1 d, with the slopes A of the differences d, and its covariance C - C A' (A C A')^-1 A C.
+        x - G d with G = C A' (A C A')^-1 and the slopes A of the differences d, and its covariance C - G A C. What
+        walls that stand askew do to x, they do to d, too: (1 - G A) times that is left.
         """
         off, slope = slopes(lambda x: differences(*self._parts(x)), self._all)
         if not len(off):
@@ -64,8 +72,10 @@ class TapedCalibration:
         gain = np.linalg.solve(slope @ along, along.T).T
         together, covariance = self._all - gain @ off, self.covariance - gain @ along.T
         n = len(together) - len(self.tape_errors)
-        pair = self.pair.known_to(together[:n], covariance[:n, :n])
-        return replace(self, pair=pair, tape_errors=together[n:], covariance=covariance)
+        left = np.eye(len(together)) - gain @ slope
+        askew = left @ self.askew @ left.T
+        pair = self.pair.known_to(together[:n], covariance[:n, :n], askew[:n, :n])
+        return replace(self, pair=pair, tape_errors=together[n:], covariance=covariance, askew=askew)
 
     @property
     def _all(self) -> FloatArray:

@@ -60,6 +60,8 @@ class _Opened:
     """The frames were seen to follow the exposure."""
     slowest_frames: int = UNMEASURED_FRAMES
     """How many frames a new exposure took to be seen, at most."""
+    darkest_dn: float = math.inf
+    """That frames of this gain were: the black level is no higher."""
     gain: V4l2Gain | None = None
     """Once somebody asked for it."""
     proven_exposure_s: float = 0.0
@@ -222,6 +224,7 @@ class V4l2Camera:
         def changed() -> None:
             late_s = opened.slowest_frames * max(opened.period_s, opened.exposure_s)
             opened.valid_from_s = self._clock.now_s() + late_s
+            opened.darkest_dn = math.inf
 
         if opened.gain is None:
             opened.gain = gain_of(opened.node, opened.settings, changed)
@@ -252,8 +255,13 @@ class V4l2Camera:
         ratio = got / opened.steps if opened.is_settled else 1.0
         opened.exposure_s, opened.is_settled = got * EXPOSURE_STEP_S, False
         settling = Settling(
-            before=before.pixels, ratio=ratio, full_scale_dn=self.full_scale_dn, unmeasured_frames=opened.slowest_frames
+            before=before.pixels,
+            ratio=ratio,
+            full_scale_dn=self.full_scale_dn,
+            unmeasured_frames=opened.slowest_frames,
+            black_dn=opened.darkest_dn,
         )
+        opened.darkest_dn = settling.black_dn
         if got != steps:
             raise mismatch(control, steps, got)
         self._settle(opened, settling)
@@ -268,7 +276,7 @@ class V4l2Camera:
             frame = self._frame_within(opened, opened.valid_from_s, "after a new exposure")
             if settling.add(frame.pixels):
                 opened.valid_from_s = frame.started_s
-                opened.slowest_frames = max(opened.slowest_frames, len(settling.means))
+                opened.slowest_frames = max(opened.slowest_frames, settling.frames_it_took)
                 return
         raise SettingRefused(
             f"the frames of {self._name} do not follow: {len(settling.means)} frames after the exposure of "

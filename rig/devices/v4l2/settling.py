@@ -47,12 +47,17 @@ class Settling:
         The largest digital number.
     unmeasured_frames
         How many frames have to be steady where the change cannot be seen.
+    black_dn
+        The darkest that frames of this camera and gain were before, if there were any.
     """
 
     before: NDArray[np.uint16]
     ratio: float
     full_scale_dn: int
     unmeasured_frames: int = UNMEASURED_FRAMES
+    black_dn: float = np.inf
+    """The least that anything is known to have been without light: of a picture that is bright all over, its own
+    darkest pixels tell nothing of it. Afterwards what this picture says, too."""
     means: list[float] = field(default_factory=list)
     """Of the frames so far, in dn."""
     expected_dn: float = field(init=False)
@@ -68,8 +73,9 @@ class Settling:
         usable = sample[self._usable]
         self._before_dn = float(usable.mean())
         noise_dn = _noise_dn(self.before)
-        black_dn = min(np.quantile(usable, _BLACK_SHARE) + _DARKEST_SIGMAS * noise_dn, np.median(usable))
-        light_dn = np.where(usable > black_dn + _ABOVE_NOISE * noise_dn, usable - black_dn, 0.0)
+        own_dn = min(np.quantile(usable, _BLACK_SHARE) + _DARKEST_SIGMAS * noise_dn, np.median(usable))
+        self.black_dn = min(self.black_dn, float(own_dn))
+        light_dn = np.where(usable > self.black_dn + _ABOVE_NOISE * noise_dn, usable - self.black_dn, 0.0)
         expected = np.minimum(usable + light_dn * (self.ratio - 1), self.full_scale_dn)
         self.expected_dn = float(expected.mean())
 
@@ -85,6 +91,14 @@ class Settling:
         """The change stands out of what two equal frames differ by."""
         steady_dn = self._steady_dn(max(self._before_dn, self.expected_dn))
         return _HAPPENED * abs(self.expected_dn - self._before_dn) > _MEASURABLE * steady_dn
+
+    @property
+    def frames_it_took(self) -> int:
+        """Until the change was seen. 0 where it cannot be seen: so many were waited for as were asked for, and a few.
+
+        Who asked for as many the next time would wait longer with each change.
+        """
+        return len(self.means) if self.is_measurable else 0
 
     def state(self) -> str:
         """Return, for messages, what was expected and what was seen."""

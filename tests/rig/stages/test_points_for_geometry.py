@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from calibration.structured_light.correspondence import Correspondence, PixelReason
-from rig.stages.geometry import inside_and_beside
+from rig.stages.maps.edges import inside_and_beside
 
 HEIGHT, WIDTH = 200, 400
 PROJECTOR = (300, 500)

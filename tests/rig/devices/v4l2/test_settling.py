@@ -96,6 +96,30 @@ def test_a_checker_seen_by_a_webcam_is_followed_though_no_pixel_is_like_the_ones
     assert [settling.add(frame(ratio, seed)) for seed in range(5, 7)] == [False, True]
 
 
+def test_a_picture_that_is_bright_all_over_is_measured_against_darker_ones_before_it() -> None:
+    """Its darkest pixels would pass for black, and the least of a large change for none."""
+    bright = np.clip(np.random.default_rng(1).normal(200, 10, (64, 64, 1)), 170, 230).astype(np.uint16)
+    alone = Settling(before=bright, ratio=1 / 8, full_scale_dn=FULL)
+    dark = Settling(before=frames(4.0, noise_dn=0.5), ratio=2.0, full_scale_dn=FULL)
+    informed = Settling(before=bright, ratio=1 / 8, full_scale_dn=FULL, black_dn=dark.black_dn)
+    assert alone.expected_dn > 150
+    assert informed.expected_dn < 40
+    assert informed.is_measurable
+    assert informed.black_dn == dark.black_dn, "what is brighter than before tells nothing of black"
+
+
+def test_frames_that_were_waited_for_blindly_make_no_later_wait_longer() -> None:
+    asked = UNMEASURED_FRAMES
+    for _ in range(5):
+        settling = Settling(before=frames(0.0), ratio=8.0, full_scale_dn=FULL, unmeasured_frames=asked)
+        for stale in range(3):
+            settling.add(frames(20.0 + 10 * stale))
+        while not settling.add(frames(0.0)):
+            pass
+        asked = max(asked, settling.frames_it_took)
+    assert asked == UNMEASURED_FRAMES
+
+
 @pytest.mark.parametrize("seed", range(12))
 @pytest.mark.parametrize("ratio", [1 / 8, 1 / 2, 2.0, 8.0])
 def test_what_is_expected_is_never_on_the_wrong_side(seed: int, ratio: float) -> None:
