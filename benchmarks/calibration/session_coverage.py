@@ -37,6 +37,10 @@ class Judgement:
     response_sigmas: Sequence[float]
     """Error of the camera's light over its sigma, at the levels of response_coverage.py."""
     within_limits: bool
+    place_percent: float
+    """Largest sigma of a place, % of the room, as its page says."""
+    askew_percent: float
+    """What the least certain length or place is off by, if walls are 0.3 degrees askew; NaN where none is square."""
 
 
 def judgement(folder: Path) -> Judgement:
@@ -53,8 +57,15 @@ def judgement(folder: Path) -> Judgement:
     size_m = np.array(settings.size_m) if scene is None else np.ptp(scene.reshape(-1, 3), axis=0)
     outcome = compared(folder.name, load_geometry(session), (camera, projector), size_m)
     response = judged(profile, load_radiometric_calibration(session))
-    within = session.read_metrics(SessionResult).within_limits
-    return Judgement(outcome, [float(score) for score in response.score], within)
+    metrics = session.read_metrics(SessionResult)
+    told = {row.what: row.value for row in metrics.limits}
+    return Judgement(
+        geometry=outcome,
+        response_sigmas=[float(score) for score in response.score],
+        within_limits=metrics.within_limits,
+        place_percent=told["geometry: uncertainty of the places of devices and surfaces"],
+        askew_percent=next((value for what, value in told.items() if what.endswith("askew")), np.nan),
+    )
 
 
 def table(found: Mapping[str, Judgement], unfinished: Mapping[str, str]) -> str:
@@ -69,9 +80,22 @@ def table(found: Mapping[str, Judgement], unfinished: Mapping[str, str]) -> str:
     if len(ended):
         lines += [
             f"all terms within 3 sigma: {(scores < 3).mean():.3f}, error over sigma {_typical(scores):.2f} (by median)",
+            _askew([one for one in ended if one.within_limits]),
             f"light of the camera within 3 sigma: {(response < 3).mean():.3f}, {_typical(response):.2f} (by median)",
         ]
     return "\n".join(lines)
+
+
+def _askew(within: Sequence[Judgement]) -> str:
+    """What sessions within limits would be off by in rooms that are not square."""
+    both = np.array([(one.askew_percent, one.place_percent) for one in within if np.isfinite(one.askew_percent)])
+    if not len(both):
+        return "walls 0.3 degrees askew: none within limits says what they would change"
+    least, middle, most = np.quantile(both[:, 0], (0, 0.5, 1))
+    return (
+        f"walls 0.3 degrees askew would put the least certain place of those within limits off by {least:.2f} / "
+        f"{middle:.2f} / {most:.2f} % of the room (least, median, most), stated sigma {np.median(both[:, 1]):.2f}"
+    )
 
 
 def _typical(scores: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) -> float:
