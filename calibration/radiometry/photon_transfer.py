@@ -217,7 +217,7 @@ def fit_camera_noise(levels: FloatArray, exposures: FloatArray, response: Respon
     return fit_photon_transfer(linearised(points, response), rounds=3)
 
 
-def clear_of_black(points: TransferPoints, response: Response) -> TransferPoints:
+def clear_of_black(points: TransferPoints, response: Response, known_from_dn: float = 0.0) -> TransferPoints:
     """Leave out groups whose noise a tone curve cuts off at black, or stretches so that it is not small any more.
 
     Parameters
@@ -226,6 +226,8 @@ def clear_of_black(points: TransferPoints, response: Response) -> TransferPoints
         As measured.
     response : Response
         Of the camera.
+    known_from_dn : float
+        Below it the curve goes on where hardly any frame tells of it: variances take such a slope squared. [dn]
 
     Returns
     -------
@@ -236,7 +238,8 @@ def clear_of_black(points: TransferPoints, response: Response) -> TransferPoints
         return points
     slope = ideal_slope(response, points.signals)
     is_straight = np.abs(np.log(slope / np.maximum(slope[np.argmax(points.signals)], 1e-9))) < _NEARLY_STRAIGHT
-    kept = is_straight | (points.signals > _CLEAR_SIGMAS * np.sqrt(points.variances) + 1)
+    least = np.maximum(_CLEAR_SIGMAS * np.sqrt(points.variances) + 1, known_from_dn)
+    kept = is_straight | (points.signals > least)
     return TransferPoints(points.signals[kept], points.variances[kept], points.counts[kept])
 
 

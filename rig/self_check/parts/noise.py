@@ -65,7 +65,7 @@ def check_noise(tested: RigUnderTest, curve: CameraCurve, step_dn: float) -> Par
     dark, at_zero = _dark(tested, usable)
     clipped = at_zero > _BLACK_CLIP
     measured = joined(lit if clipped or tested.black_level.is_clipped else [*lit, *dark])
-    points = linearised(clear_of_black(measured, curve.response), curve.response, step_dn)
+    points = linearised(clear_of_black(measured, curve.response, curve.known_from_dn), curve.response, step_dn)
     transfer = fit_photon_transfer(points)
     full_well_e = transfer.gain_e_per_dn * float(curve.response.levels[-1])
     relative = transfer.gain_sigma_e_per_dn / transfer.gain_e_per_dn
