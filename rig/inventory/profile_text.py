@@ -182,6 +182,8 @@ def _surface_entries() -> list[ProfileLine]:
     return [
         ProfileLine("kind", "box", "chosen: a room, or a corner of one"),
         ProfileLine("closed", False, f"{MEASURE}: true if light comes back from all sides"),
+        ProfileLine("# size_m", (4.0, 5.0, 2.5), "if you measure the room by tape (x ends at the wall on the right)"),
+        ProfileLine("# lens_height_m", 1.2, "if you measure the projector's lens above the floor"),
     ]
 
 

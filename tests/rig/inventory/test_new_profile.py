@@ -48,10 +48,22 @@ def test_the_profile_is_complete_and_valid(tmp_path: Path) -> None:
 def test_every_number_says_where_it_comes_from(tmp_path: Path) -> None:
     write_profile(ProfileRequest(path=tmp_path / "lab.toml", projector_model="pw800"), finders())
     text = (tmp_path / "lab.toml").read_text(encoding="utf-8")
-    numbers = [line for line in text.splitlines() if " = " in line and line.partition(" = ")[2][0] in "[0123456789tf"]
+    written = [line for line in text.splitlines() if not line.startswith("#")]
+    numbers = [line for line in written if " = " in line and line.partition(" = ")[2][0] in "[0123456789tf"]
     words = ("device", "cited", "chosen", "MEASURE")
     assert len(numbers) > 12
     assert [line for line in numbers[1:] if not any(f"# {word}" in line for word in words)] == []
+
+
+def test_what_may_be_measured_of_the_room_has_its_line_and_is_no_guess_until_somebody_takes_it(tmp_path: Path) -> None:
+    path = tmp_path / "lab.toml"
+    write_profile(ProfileRequest(path=path), finders())
+    room = load_profile(path).room
+    assert (room.size_m, room.lens_height_m) == (None, None)
+    path.write_text(path.read_text("utf-8").replace("# size_m", "size_m").replace("# lens_height_m", "lens_height_m"))
+    room = load_profile(path).room
+    assert room.size_m == (4.0, 5.0, 2.5)
+    assert room.lens_height_m == 1.2
 
 
 def test_what_is_only_guessed_is_named(tmp_path: Path) -> None:
