@@ -64,7 +64,7 @@ WORDS: Mapping[str, str] = {
     "geometry: what the least certain length or place is off by, if walls are 0.3° askew": (
         "Right angles that the profile promises are taken as exact; this is what rests on them, beside the uncertainty."
     ),
-    "geometry: directions in which no wall was measured": "Along these the place of walls is only a guess.",
+    "geometry: directions in which a wall's place is guessed": "Along these nobody saw or measured where walls are.",
     "stripes of the code, wider than usual": "The lenses blur the code's own stripes away: places are rougher.",
     "valid share of the lit pixels": "Lit camera pixels for which the projector pixel is known.",
     "model: global light left unexplained, rms": "Light between the walls that no reflectance explains, relative.",

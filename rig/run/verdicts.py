@@ -126,15 +126,27 @@ def room_light_verdicts(exposure: CameraExposure) -> tuple[Verdict, ...]:
 
 def _guesses(geometry: GeometryResult, model: ModelResult, profile: Profile) -> Verdict:
     most_m = profile.limits.geometry_sigma_percent / 100 * max(geometry.room_size_m)
+    guessed = _guessed_axes(geometry, model, most_m) if profile.room.closed else []
     return Verdict(
-        what="geometry: directions in which no wall was measured",
-        value=_guessed_directions(geometry, model, most_m) if profile.room.closed else 0,
+        what="geometry: directions in which a wall's place is guessed",
+        value=len(guessed),
         limit=0,
         unit="",
-        advice="nobody knows where the floor and the ceiling (or both walls of a side) are, and the light tells it "
-        f"{_by_light(model)}: show one of them, or give surface.lens_height_m, the projector's lens above the floor by "
-        "tape",
+        advice=f"the light tells it {_by_light(model)}; {'; '.join(_where(axis, geometry) for axis in guessed)}",
     )
+
+
+def _where(axis: str, geometry: GeometryResult) -> str:
+    """What nobody saw or measured along an axis, and what would tell it."""
+    low, high = ("floor", "ceiling") if axis == "z" else (f"{axis}0", f"{axis}1")
+    if high in geometry.faces_seen:
+        return f"{low}, opposite {high}, was neither seen nor measured: give surface.size_m by tape, or show {low}"
+    if axis == "z":
+        return (
+            "neither floor nor ceiling was seen: show one of them, or give surface.lens_height_m, the projector's lens "
+            "above the floor by tape"
+        )
+    return f"neither {low} nor {high} was seen: show one of them"
 
 
 def _valid(geometry: GeometryResult, limits: Limits) -> Verdict:
@@ -235,10 +247,10 @@ def _place_sigmas(geometry: GeometryResult) -> dict[str, float]:
     return {f"{k}_{w}_m": s for k in kinds for w in _WHERE if (s := geometry.sigmas.get(f"{k}_{w}_m")) is not None}
 
 
-def _guessed_directions(geometry: GeometryResult, model: ModelResult, most_m: float) -> int:
+def _guessed_axes(geometry: GeometryResult, model: ModelResult, most_m: float) -> list[str]:
     """Those along which no wall was seen or measured, so that a device's place has no sigma, nor told by the light."""
     told = {one.axis for one in model.placed if one.sigma_m <= most_m}
-    return sum(f"projector_{axis}_m" not in geometry.sigmas and axis not in told for axis in "xyz")
+    return [axis for axis in "xyz" if f"projector_{axis}_m" not in geometry.sigmas and axis not in told]
 
 
 def _by_light(model: ModelResult) -> str:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -20,6 +21,10 @@ from sim.geometry.rays import plane_axes
 MARGIN = 1e-3
 """Of a patch's size. A line that leaves narrower strips, or crosses a patch on a shorter way, cuts nothing: it would
 save no more than that share of the squared step."""
+
+NOTHING = 1e-9
+"""Of a patch's size, and squared of its area: what is cut off where a line goes through a corner but for rounding is no
+edge and no piece."""
 
 Point = tuple[float, float]
 Segment = tuple[float, float, float, float]
@@ -58,7 +63,15 @@ def cut_where_crossed(cells: AdaptivePatches) -> tuple[AdaptivePatches, IntArray
         segments = [(float(p[0]), float(p[1]), float(q[0]), float(q[1])) for p, q in ends_uv[rows]]
         found = _cut(corners, segments, MARGIN * math.sqrt(float(cells.areas[one])))
         if len(found) > 1:
-            quads = [quad for piece in found for quad in _quads(piece)]
+            area_m2 = float(cells.areas[one])
+            whole = [_distinct(piece, NOTHING * math.sqrt(area_m2)) for piece in found]
+            quads = [
+                quad
+                for piece in whole
+                if len(piece) > 2
+                for quad in _quads(piece)
+                if _area(quad) > NOTHING**2 * area_m2
+            ]
             pieces.append(cells.centres[one] + np.array(quads) @ axes[one])
             parents.append(np.full(len(quads), one, dtype=np.intp))
     return _with_pieces(cells, pieces, parents)
@@ -149,6 +162,17 @@ def _halves(polygon: list[Point], segment: Segment) -> tuple[list[Point], list[P
         if height <= 0:
             right.append(corner)
     return left, right
+
+
+def _area(polygon: list[Point]) -> float:
+    """Area of a counter-clockwise polygon [m²]."""
+    x, y = polygon[0]
+    return 0.5 * sum((a[0] - x) * (b[1] - y) - (a[1] - y) * (b[0] - x) for a, b in pairwise(polygon[1:]))
+
+
+def _distinct(polygon: list[Point], least_m: float) -> list[Point]:
+    """Corners that are further than that from the one before."""
+    return [corner for k, corner in enumerate(polygon) if math.dist(corner, polygon[k - 1]) > least_m]
 
 
 def _quads(polygon: list[Point]) -> list[list[Point]]:

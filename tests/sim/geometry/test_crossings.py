@@ -77,6 +77,26 @@ def test_pieces_of_things_that_pierce_each_other_cover_their_patches_and_are_cro
     assert cut_where_crossed(pieces)[0].n_patches < 1.02 * pieces.n_patches
 
 
+@pytest.mark.parametrize("seed", range(40))
+def test_lines_through_corners_and_through_each_other_leave_no_piece_without_area_or_edge(seed):
+    """Walls that pass through a floor's corners, its middle and each other's lines, turned so that rounding decides."""
+    random = np.random.default_rng(seed)
+    turn = np.linalg.qr(random.normal(size=(3, 3)))[0]
+    lines = np.array([[0, 0, 2, 2], [2, 0, 0, 2], [1, 0, 1, 2], [0, 1, 2, 1], [0, 0, 2, 1], [0, 0, 1, 2], [2, 0, 0, 1]])
+    walls = []
+    for x, y, to_x, to_y in lines[random.permutation(len(lines))[:5]]:
+        along, up = np.array([to_x - x, to_y - y, 0.0]), np.array([0.0, 0.0, 1.0])
+        begin, end = np.array([x, y, 0.0]) - along, np.array([x, y, 0.0]) + 2 * along
+        walls.append([begin - up, end - up, end + up, begin + up])
+    cells = patches_of(*(np.array(quad) @ turn.T for quad in (FLOOR, *walls)))
+    pieces, parents = cut_where_crossed(cells)
+    assert np.bincount(parents, pieces.areas) == pytest.approx(cells.areas, rel=1e-6)
+    assert (pieces.areas > 0).all()
+    edges = np.linalg.norm(pieces.vertices[:, 1] - pieces.vertices[:, 0], axis=1)
+    assert (edges > 0).all()
+    assert np.isfinite(pieces.normals).all()
+
+
 def test_patches_that_nothing_crosses_stay_as_they_are():
     cells = patches_of(FLOOR)
     pieces, parents = cut_where_crossed(cells)
