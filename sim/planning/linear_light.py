@@ -21,7 +21,7 @@ from scipy.ndimage import uniform_filter1d
 
 from sim.arrays import BoolArray, FloatArray, IntArray
 from sim.form_factors.sampled import RaySample, tree_of
-from sim.geometry.adaptive_patches import AdaptivePatches
+from sim.geometry.adaptive_patches import AdaptivePatches, triangles
 from sim.geometry.rays import plane_axes
 from sim.geometry.surface import Surface
 from sim.light.sampled_light import GAIN, along_curve
@@ -138,21 +138,37 @@ def gathered(cells: AdaptivePatches, own: IntArray, senders: Senders, *, rays: i
     (16, P, 2) array
         Irradiances by senders of one number, and by linear ones; pieces as ``cells.quarters().quarters()``.
     """
+    return _gathered(_sixteenths(cells), own, senders, rays=rays, stream=stream)
+
+
+def _gathered(corners: list[FloatArray], own: IntArray, senders: Senders, *, rays: int, stream: int) -> FloatArray:
+    """(16, P, 2) as :func:`gathered`, of the sixteenths' corners, some patches at a time."""
     tree, fields = tree_of(senders.surface), np.ascontiguousarray(senders.fields)
+    parts, first = [], 0
+    for some in corners:
+        count = len(some) // PIECES
+        lies_on = np.tile(own[first : first + count], PIECES).astype(np.int64)
+        means = np.empty((len(some), 2))
+        tree.gather(some, lies_on, stream, rays, light=fields, means=means)
+        parts.append(means.reshape(PIECES, count, 2))
+        first += count
+    return np.concatenate(parts, axis=1)
+
+
+def _sixteenths(cells: AdaptivePatches) -> list[FloatArray]:
+    """Corners (16 P, V, 3) of the sixteenths of some patches at a time [m]."""
     parts = []
     for first in range(0, cells.n_patches, PATCHES_AT_A_TIME):
         place = np.arange(first, min(first + PATCHES_AT_A_TIME, cells.n_patches))
-        corners = np.ascontiguousarray(cells.chosen(place).quarters().quarters().vertices)
-        means = np.empty((len(corners), 2))
-        tree.gather(corners, np.tile(own[place], PIECES).astype(np.int64), stream, rays, light=fields, means=means)
-        parts.append(means.reshape(PIECES, len(place), 2))
-    return np.concatenate(parts, axis=1)
+        parts.append(np.ascontiguousarray(cells.chosen(place).quarters().quarters().vertices))
+    return parts
 
 
 def variation_within(cells: AdaptivePatches, own: IntArray, senders: Senders, *, rays: int, stream: int) -> Variation:
     """Return how the irradiance varies within patches; arguments as for :func:`gathered`, of two streams of rays."""
-    offset, share = _pieces(cells)
-    both = [gathered(cells, own, senders, rays=rays, stream=number) for number in (stream, stream + 1)]
+    corners = _sixteenths(cells)
+    offset, share = _pieces(cells, corners)
+    both = [_gathered(corners, own, senders, rays=rays, stream=number) for number in (stream, stream + 1)]
     means = [np.einsum("np,npk->pk", share, light) for light in both]
     one, other = (light[..., 1] - mean[:, 1] for light, mean in zip(both, means, strict=True))
     left, right = (_beside_linear(light, offset, share) for light in (one, other))
@@ -182,11 +198,16 @@ def _inverse(moments: FloatArray) -> FloatArray:
     return np.asarray(np.linalg.pinv(moments, rcond=1e-9, hermitian=True))
 
 
-def _pieces(cells: AdaptivePatches) -> tuple[FloatArray, FloatArray]:
+def _pieces(cells: AdaptivePatches, corners: list[FloatArray]) -> tuple[FloatArray, FloatArray]:
     """(16, P, 2) places of the sixteenths about each patch's centre [m], and (16, P) shares of its area."""
-    pieces = cells.quarters().quarters()
-    place = pieces.centres.reshape(PIECES, -1, 3) - cells.centres
-    return np.einsum("npk,pak->npa", place, plane_axes(cells)), pieces.areas.reshape(PIECES, -1) / cells.areas
+    areas, places = [], []
+    for some in corners:
+        halves, centres = triangles(some)
+        whole = halves.sum(axis=1)
+        places.append(((halves[..., None] * centres).sum(axis=1) / whole[:, None]).reshape(PIECES, -1, 3))
+        areas.append(whole.reshape(PIECES, -1))
+    place = np.concatenate(places, axis=1) - cells.centres
+    return np.einsum("npk,pak->npa", place, plane_axes(cells)), np.concatenate(areas, axis=1) / cells.areas
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -24,7 +24,7 @@ def cut(corners, times):
 def left_of(corners, field):
     """(LINES, 3) of fields over lines at random: what a slope leaves, truly and on sixteenths; the seen share."""
     cells, fine, rng = cut(corners, 0), cut(corners, 5), np.random.default_rng(1)
-    offset, share = linear_light._pieces(cells)
+    offset, share = linear_light._pieces(cells, linear_light._sixteenths(cells))
     weight, place, piece = fine.areas / fine.areas.sum(), fine.centres[:, :2], np.arange(fine.n_patches) % 16
     basis = np.column_stack([np.ones(len(place)), place])
     fit = np.linalg.inv(basis.T @ (weight[:, None] * basis)) @ (basis.T * weight)
