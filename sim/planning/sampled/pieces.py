@@ -33,7 +33,7 @@ FEWEST_RAYS, MOST_RAYS, MORE_RAYS = 8, 2048, 4
 NOISE_SHARE, NOISE_POWER = 0.6, 1.4
 """Of the goal's square that the measurement's noise may take before there are more rays, and how it falls with them.
 What it takes is made up by cuts: a ball of 5,984 facets at 0.3 % is planned by 2.3 million rays into 5,700 patches,
-with 0.2 by 8.8 million (the solution takes 5) into 5,697; one of 2,144 by 2.7 into 2,069 and by 4.0 into 1,844."""
+with 0.2 by 8.8 million into 5,697; the solution takes 5 million."""
 SENDER_RAYS, FEWEST_SENDER_RAYS, MOST_SENDER_RAYS = 1 << 13, 8, 256
 """Of all patches together, to learn what senders of one number change, and limits of those from each."""
 SENDER_NOISE, MORE_SENDER_RAYS = 0.25, 4

@@ -102,9 +102,39 @@ def test_a_floor_that_only_the_light_places_is_as_uncertain_as_any_other_place(
     two_walls = replace(GEOMETRY, sigmas={key: one for key, one in SIGMAS_M.items() if key[-3:] != "z_m"})
     placed = PlacedByLight(axis="z", shift_m=0.1, projector_m=1.2, sigma_m=sigma_m, light_error=0.01)
     rows = verdicts(two_walls, model_of(placed), compared(), tiny_profile)
-    guessed = next(row for row in rows if "no wall was measured" in row.what)
+    guessed = next(row for row in rows if "place is guessed" in row.what)
     assert guessed.met == met
     assert f"to {sigma_m} m along z only" in guessed.advice
+
+
+@pytest.mark.parametrize(
+    ("lost", "seen", "words", "not_words"),
+    [
+        ("x", ("x1", "y1", "floor"), ["x0, opposite x1", "surface.size_m"], ["lens_height_m", "ceiling"]),
+        ("y", ("x0", "x1", "floor"), ["neither y0 nor y1"], ["size_m", "floor"]),
+        ("z", ("x1", "y1"), ["neither floor nor ceiling", "surface.lens_height_m"], ["x0"]),
+        ("z", ("x1", "y1", "ceiling"), ["floor, opposite ceiling", "surface.size_m"], ["x0"]),
+        ("xy", ("x1", "y1", "floor", "ceiling"), ["x0, opposite x1", "y0, opposite y1"], ["lens_height_m"]),
+    ],
+)
+def test_what_is_guessed_of_a_room_is_named_with_what_would_tell_it(
+    tiny_profile: Profile, lost: str, seen: tuple[str, ...], words: list[str], not_words: list[str]
+) -> None:
+    """A webcam's first session saw floor and ceiling, had no size of the room, and was told to show the floor."""
+    sigmas = {key: one for key, one in SIGMAS_M.items() if not any(key.endswith(f"{axis}_m") for axis in lost)}
+    rows = verdicts(replace(GEOMETRY, sigmas=sigmas, faces_seen=seen), model_of(), compared(), tiny_profile)
+    guessed = next(row for row in rows if "place is guessed" in row.what)
+    assert (guessed.met, guessed.value) == (False, len(lost))
+    assert all(word in guessed.advice for word in words)
+    assert not any(word in guessed.advice for word in not_words)
+
+
+def test_what_rests_on_right_angles_is_told_without_a_limit(tiny_profile: Profile) -> None:
+    askew = replace(GEOMETRY, askew_sigmas={"camera_x_m": 0.048, "room_x_m": 0.02, "camera_rotation_x_deg": 9.0})
+    told = next(row for row in geometry_verdicts(askew, tiny_profile.limits) if "askew" in row.what)
+    assert told.status == "info"
+    assert told.value == pytest.approx(1.0)
+    assert not any("askew" in row.what for row in geometry_verdicts(GEOMETRY, tiny_profile.limits))
 
 
 def model_of(*placed: PlacedByLight) -> ModelResult:
