@@ -25,6 +25,8 @@ LEAST_WALL = 0.02
 _WALLS = ("floor", "ceiling", "x0", "x1", "y0", "y1")
 """By axis (z first) and side."""
 _LEFT_OPEN = ("leave open how the room stands", "two rooms explain the points equally well")
+_LITTLE_PARALLAX = ("too little parallax", "the baseline is (nearly) zero")
+"""What says that points tell too little: so do exact ones then. Refused with something else they leave it open."""
 _NOT_OF_A_BOX = (
     "is not flat: its points leave",
     "the walls are not at right angles",
@@ -89,9 +91,11 @@ def is_refusal_true(said: str, seen: Seen | None) -> bool | None:
         return None
     if "one plane explains" in said:
         return seen.planes < 2
-    for left_open in _LEFT_OPEN:
-        if left_open in said:
-            return left_open in (seen.left_open or "")
+    for words in (_LEFT_OPEN[:1], _LEFT_OPEN[1:], _LITTLE_PARALLAX):
+        if any(cause in said for cause in words):
+            if seen.left_open is None:
+                return False
+            return True if any(cause in seen.left_open for cause in words) else None
     if any(cause in said for cause in _NOT_OF_A_BOX):
         return False
     if "has no measured wall around it" in said:
