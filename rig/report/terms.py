@@ -80,7 +80,7 @@ WORDS: Mapping[str, str] = {
 
 UNITS: Mapping[str, str] = {"px": "px", "m": "m", "mm": "mm", "s": "s", "deg": "°", "percent": "%"}
 """As keys of results end, and as people write them."""
-SPELT: Mapping[str, str] = {"rmse": "rms error", "focal": "focal length", "p95": "of 95 in 100 below"}
+SPELT: Mapping[str, str] = {"rmse": "rms error", "focal": "focal length", "p95": "at the 95th percentile"}
 """Words of keys that are short for others."""
 
 
