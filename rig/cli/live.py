@@ -27,7 +27,9 @@ def live(
         ),
     ] = ("pattern",),
     strategy: Annotated[str, Parameter(help="exact, bounded, or none.")] = "bounded",
-    seconds: Annotated[float | None, Parameter(help="How long; default: until q, or the sources' end.")] = None,
+    seconds: Annotated[
+        float | None, Parameter(help="How long, from the first picture on; default: until q, or the sources' end.")
+    ] = None,
     size: Annotated[str, Parameter(help="WIDTHxHEIGHT of raw RGB24 pictures; default: PPM headers tell.")] = "",
     rate: Annotated[float | None, Parameter(help="Pictures a second of a folder or the pattern.")] = None,
     loop: Annotated[bool, Parameter(negative="", help="Begin again after the last source.")] = False,

@@ -28,6 +28,9 @@ _WARM_UP_S = 5.0
 _SWITCH_INTERVAL_S = 0.0005
 """The loop's thread should not wait 5 ms, Python's usual, when the reader is at work."""
 
+FIRST_PICTURE_S = 5.0
+"""So much longer than the show lasts its first picture is waited for: a busy machine has been seen to take 0.4 s."""
+
 OnStatus = Callable[[str], None]
 
 
@@ -37,8 +40,11 @@ class _Progress:
 
     started_s: float
     until_s: float
-    """When its time is over."""
+    """When its time is over; that begins with the first picture."""
+    seconds: float
     next_status_s: float
+    awaits_first: bool = True
+    """The first picture."""
     ended_by: str = ""
     """Empty while it goes on."""
     resident_mb: float | None = None
@@ -92,8 +98,8 @@ def _run(
 ) -> _Progress:
     """Step until the end; whatever ends it, what was recorded is closed."""
     now_s = pipeline.clock.now_s()
-    until_s = math.inf if seconds is None else now_s + seconds
-    progress = _Progress(started_s=now_s, until_s=until_s, next_status_s=now_s)
+    long_s = math.inf if seconds is None else seconds
+    progress = _Progress(started_s=now_s, until_s=now_s + long_s + FIRST_PICTURE_S, seconds=long_s, next_status_s=now_s)
     pipeline.reader.start()
     try:
         with _undisturbed():
@@ -128,6 +134,9 @@ def _undisturbed() -> Iterator[None]:
 def _follow(pipeline: LivePipeline, signals: EndSignals, progress: _Progress, on_status: OnStatus) -> None:
     """After each step: has it ended, is a line of status due, is the warm-up over."""
     now_s = pipeline.clock.now_s()
+    if progress.awaits_first and pipeline.loop.statistics.frames:
+        progress.awaits_first = False
+        progress.until_s = now_s + progress.seconds
     if signals.received is not None:
         progress.ended_by = "signal"
     elif now_s >= progress.until_s:
@@ -158,12 +167,13 @@ def status_line(pipeline: LivePipeline) -> str:
     )
 
 
-def _failure(pipeline: LivePipeline, progress: _Progress, seconds: float | None) -> SourceFailure | None:
+def _failure(pipeline: LivePipeline, progress: _Progress) -> SourceFailure | None:
     """What a source failed with; that none gave a picture in all the time there was is a failure, too."""
     error = pipeline.reader.failure
     if error is None and progress.ended_by == "time" and pipeline.loop.statistics.frames == 0:
+        waited_s = progress.seconds + FIRST_PICTURE_S
         error = SourceBroken(
-            f"{pipeline.reader.name}: no picture came in {seconds:g} s; start what writes it, or show it for longer"
+            f"{pipeline.reader.name}: no picture came in {waited_s:g} s; start what writes it, or show it for longer"
         )
     if error is None:
         return None
@@ -185,7 +195,7 @@ def _result(
         model=plan.model_origin,
         ended_by=progress.ended_by,
         signal=None if received is None else signal.Signals(received).name,
-        failure=_failure(pipeline, progress, plan.request.seconds),
+        failure=_failure(pipeline, progress),
         recorded=None if recorder is None else Recorded(recorder.frames, recorder.photographs),
         notes=(*plan.notes, *pipeline.notes, *pipeline.reader.notes, *([] if recorder is None else recorder.notes)),
         light_latency_ms=plan.light_latency_ms,

@@ -68,6 +68,9 @@ WORDS: Mapping[str, str] = {
     "stripes of the code, wider than usual": "The lenses blur the code's own stripes away: places are rougher.",
     "valid share of the lit pixels": "Lit camera pixels for which the projector pixel is known.",
     "model: global light left unexplained, rms": "Light between the walls that no reflectance explains, relative.",
+    "model: photographs of [transport], each by the others, rms": (
+        "How far each photograph of a known picture is from what all the others make of it."
+    ),
     "measured - simulated: rms": "Photograph minus prediction, on pictures that nothing was fitted to.",
     "measured - simulated: within 3 sigma, least of all pictures": (
         "Pixels that are off by no more than three of their stated standard deviations, in the picture with fewest."

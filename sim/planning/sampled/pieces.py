@@ -30,10 +30,14 @@ MEASURED = (1024, 4096)
 suffices to tell."""
 FEWEST_RAYS, MOST_RAYS, MORE_RAYS = 8, 2048, 4
 """Of a sixteenth, to measure with, and times as many where noise hides whether the goal is met: in few patches."""
-NOISE_SHARE, NOISE_POWER = 0.6, 1.4
-"""Of the goal's square that the measurement's noise may take before there are more rays, and how it falls with them.
-What it takes is made up by cuts: a ball of 5,984 facets at 0.3 % is planned by 2.3 million rays into 5,700 patches,
-with 0.2 by 8.8 million into 5,697; the solution takes 5 million."""
+NOISE_SHARE, NOISE_SHARE_AT_MOST = 0.2, 0.6
+"""Of the goal's square that the measurement's noise may take before there are more rays, and once rays are dear: what
+noise takes is made up by cuts. A ball of 5,984 facets at 0.3 % is planned by 3.7 million rays, with 0.2 to the end by
+8.8 million, into as many patches; one of 614 at 1 % is not cut at all, with 0.6 from the beginning into 749."""
+FEW_RAYS = 1 << 20
+"""Are cheap: all that were sent to measure with."""
+NOISE_POWER = 1.4
+"""How noise falls with rays."""
 SENDER_RAYS, FEWEST_SENDER_RAYS, MOST_SENDER_RAYS = 1 << 13, 8, 256
 """Of all patches together, to learn what senders of one number change, and limits of those from each."""
 SENDER_NOISE, MORE_SENDER_RAYS = 0.25, 4
@@ -61,6 +65,7 @@ class Pieces:
         self.spectral_radius = bounces.kept
         self.cells, self.own, self.lit_cells = start, np.arange(start.n_patches), lit
         self.bias = 0.0
+        self._sent = 0
 
     def error_of_numbers(self) -> float:
         """Return the error that one number a patch leaves, from a choice of patches that is even over the surface."""
@@ -183,6 +188,7 @@ class Pieces:
         return SAFETY * float(np.sqrt(max(squared, 0.0) / self.area))
 
     def _measured(self, cells: AdaptivePatches, own: IntArray, rays: int = FEWEST_RAYS) -> Variation:
+        self._sent += QUARTERS**2 * rays * cells.n_patches
         return variation_within(cells, own, self.senders, rays=rays, stream=self.stream)
 
     def _sharpen(self) -> None:
@@ -197,7 +203,8 @@ class Pieces:
     def _noisy(self) -> IntArray:
         """Pieces whose noise has to fall: none where noise is small beside the goal, or beside a greater error."""
         may_be = max(self.goal**2 * self.area, float(self.squared.sum()))
-        excess = float((self.noise**2).sum()) - (NOISE_SHARE * may_be / TOTAL_SURE) ** 2
+        share = NOISE_SHARE if self._sent < FEW_RAYS else NOISE_SHARE_AT_MOST
+        excess = float((self.noise**2).sum()) - (share * may_be / TOTAL_SURE) ** 2
         noise = np.where(self.rays < MOST_RAYS, self.noise, 0.0)
         order = np.argsort(noise)[::-1]
         gain = (1 - MORE_RAYS ** (-2 * NOISE_POWER)) * np.cumsum(noise[order] ** 2)

@@ -15,8 +15,8 @@ from rig.devices.clock import SystemClock
 from rig.devices.protocols import Codes, Shown
 from rig.devices.simulated.display import ClockedDisplay
 from rig.files.pictures import write_png
-from rig.live import pipeline
-from rig.live.sources import raw
+from rig.live import pipeline, run
+from rig.live.sources import files, raw
 
 CAMERA, FILM, PICTURE, GONE, STREAM = 20, 21, 22, 23, 24
 
@@ -116,21 +116,38 @@ def test_a_show_in_which_nothing_was_seen_says_so_and_why_instead_of_a_table_wit
 
 
 def test_a_pipe_that_nobody_writes_to_is_no_show_that_went_well(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr(run, "FIRST_PICTURE_S", 0.2)
     os.mkfifo(tmp_path / "silent")
     ended, told = show(capsys, "--source", tmp_path / "silent", "--seconds", "0.3")
     assert (ended, told["ended_by"], told["frames"]) == (STREAM, "time", 0)
-    assert told["failure"]["message"].startswith("silent: no picture came in 0.3 s; ")
+    assert told["failure"]["message"].startswith("silent: no picture came in 0.5 s; ")
 
 
 def test_a_source_so_slow_that_the_time_is_over_before_it_fails_is_told_all_the_same(
     capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     clock = SystemClock()
+    monkeypatch.setattr(run, "FIRST_PICTURE_S", 0.0)
     monkeypatch.setattr(raw.StreamSource, "open", lambda _: clock.wait_until_s(clock.now_s() + 0.4))
     ended, told = show(capsys, "--source", f"pipe:{tmp_path}", "--seconds", "0.1")
     assert (ended, told["ended_by"], told["frames"]) == (STREAM, "time", 0)
+
+
+def test_the_time_of_a_show_begins_with_its_first_picture(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    clock, opened = SystemClock(), files.PatternSource.open
+
+    def open_late(source: files.PatternSource) -> None:
+        clock.wait_until_s(clock.now_s() + 0.6)
+        opened(source)
+
+    monkeypatch.setattr(files.PatternSource, "open", open_late)
+    ended, told = show(capsys, "--source", "pattern", "--seconds", "0.2")
+    assert (ended, told["ended_by"], told["frames"] > 0) == (0, "time", True)
+    assert told["seconds"] >= 0.8
 
 
 def test_a_source_that_fails_is_told_also_when_the_next_one_is_shown(
