@@ -17,6 +17,7 @@ from calibration.arrays import BoolArray, Float32Array, FloatArray
 from calibration.geometry.pinhole import PinholeModel, project
 from calibration.geometry.triangulation import triangulate, triangulate_lines
 from calibration.structured_light.correspondence import Correspondence
+from calibration.structured_light.orientation import turn_of
 
 _ANOTHER_PX = 0.75
 """Between two readings of a camera pixel: more than the border of two codes."""
@@ -26,8 +27,6 @@ _RIVAL = 0.5
 """A reading rivals another one when it explains half as many of the pixels in which they differ."""
 _LINE_SIGMA_PX, _LEAST_TOLD = 0.3, 0.01
 """Whole codes are right to 0.3 px, which may move a point by so much of its distance."""
-_SMOOTH = 4.0
-"""Times the median step from pixel to pixel: beyond, the surface ends."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,7 +82,7 @@ def view_of(
     possible, xy = np.zeros(valid.shape, dtype=bool), np.full((*valid.shape, 2), np.nan, dtype=np.float32)
     possible[rows, columns] = np.isfinite(points[:, 0]) & ~(epipolar_px > limit_px)
     xy[rows, columns] = seen
-    return ReadingView(xy, lit, possible & lit, _turn(xy))
+    return ReadingView(xy, lit, possible & lit, turn_of(xy))
 
 
 def points_of(
@@ -123,18 +122,6 @@ def points_of(
     filled = xy.copy()
     filled[:, 1 - k] = project(devices[1], points_m)[:, 1 - k]
     return points_m, filled, np.full(len(xy), np.nan)
-
-
-def _turn(xy: Float32Array) -> NDArray[np.int8]:
-    """(H, W) sign of the Jacobian of the map to the projector, on smooth surfaces."""
-    right, down = np.full_like(xy, np.nan), np.full_like(xy, np.nan)
-    right[:, :-1], down[:-1] = xy[:, 1:] - xy[:, :-1], xy[1:] - xy[:-1]
-    steps = np.maximum(np.abs(right).max(axis=-1), np.abs(down).max(axis=-1))
-    usual = np.nanmedian(steps) if np.isfinite(steps).any() else 0.0
-    turn = right[..., 0] * down[..., 1] - right[..., 1] * down[..., 0]
-    with np.errstate(invalid="ignore"):
-        smooth = steps <= _SMOOTH * max(float(usual), 1.0)
-    return np.asarray(np.where(smooth, np.sign(turn), 0), dtype=np.int8)
 
 
 def rivals(views: Sequence[ReadingView]) -> tuple[int, ...]:

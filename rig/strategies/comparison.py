@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from calibration.structured_light.patterns import Pattern
 from rig.errors import SessionError
 from rig.files.channels import code_layers, codes_of, layers
+from rig.profile.schema import Profile
 from rig.run.plan import plan_session
 from rig.run.request import SessionRequest
 from rig.run.session import OpenSession, opened_session
@@ -84,6 +85,8 @@ def compare_strategies(wanted: Comparison, on_step: OnStep = silent) -> Comparis
     loops = [Loop(name, wanted.captures, wanted.rule).checked() for name in wanted.loops]
     plan = plan_session(replace(wanted.request, folder=aligned_folder(Path(wanted.request.folder))))
     target = required(plan.showing).target
+    if wanted.oracle:
+        refuse_unknown_world(plan.profile, plan.folder)
     with opened_session(plan) as work:
         session = work.session
         work.do_up_to("model", on_step)
@@ -192,19 +195,30 @@ def photographed_rows(
     return tuple(rows)
 
 
+def refuse_unknown_world(profile: Profile, folder: Path) -> None:
+    """Refuse an oracle where there is none, before anything is photographed for it.
+
+    Raises
+    ------
+    SessionError
+        The rig is real, or its simulated world is no box.
+    """
+    if profile.simulation is None:
+        raise SessionError(f"{folder}: only a simulated rig knows its truth; leave --oracle out")
+    if profile.simulation.scene is not None:
+        raise SessionError(
+            f"{folder}: simulation.scene: what knowing the world would give is there for boxes only; leave --oracle out"
+        )
+
+
 def oracle_rows(
     work: OpenSession, picture: ComparisonPicture, names: Sequence[str], on_step: OnStep
 ) -> tuple[StrategyRow, ...]:
-    """Step `oracle`: strategies with the true light transport of the simulated world, photographed like all others.
-
-    Raises SessionError on a rig whose truth nobody knows.
-    """
+    """Step `oracle`: strategies with the true light transport of the simulated world, photographed like all others."""
     from rig.truth.scores import ground_truth_worlds
     from rig.truth.transport import ground_truth_transport
 
     session = work.session
-    if session.profile.simulation is None:
-        raise SessionError(f"{session.path}: only a simulated rig knows its truth; leave --oracle out")
     shot = measuring_bracket(session)
     step = picture_step(session, "oracle", picture, names=names, shot=shot)
     if not step.done:

@@ -165,6 +165,15 @@ def test_numbers_that_do_not_belong_to_the_photographs_are_refused(folder: Path)
         run_scan(path, folder / "cloud.ply")
 
 
+@pytest.mark.parametrize("axis", [0, 1])
+def test_photographs_of_a_camera_that_mirrors_are_refused_as_such(folder: Path, axis: int) -> None:
+    for path in folder.glob("*.png"):
+        cv2.imwrite(str(path), np.flip(cv2.imread(str(path), cv2.IMREAD_GRAYSCALE), axis))
+    with pytest.raises(CalibrationFailed, match="one of the pictures is mirrored"):
+        run_scan(write_manifest(folder), folder / "cloud.ply")
+    assert not (folder / "cloud.ply").exists()
+
+
 def test_a_dark_recording_says_why_there_are_no_points(tmp_path: Path) -> None:
     write_photographs(tmp_path, light=2)
     with pytest.raises(CalibrationFailed, match=r"100\.0 % dark"):

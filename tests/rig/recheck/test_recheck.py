@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from rig.cli.app import run_command
+from rig.devices.simulated.devices import SimulatedProjector
 from rig.errors import CalibrationFailed, SessionError
 from rig.recheck.records import RecheckRequest
 from rig.recheck.run import run_recheck
@@ -93,6 +94,15 @@ def test_a_projector_that_is_off_is_named_and_costs_two_photographs(session: Pat
         gray = begun.begun("gray")
         assert gray is not None
         assert len(gray.frame_names) == 2
+
+
+def test_a_projector_that_was_set_to_rear_projection_is_named(session: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    show = SimulatedProjector.show
+    monkeypatch.setattr(
+        SimulatedProjector, "show", lambda self, codes, *, name: show(self, codes[:, ::-1].copy(), name=name)
+    )
+    with pytest.raises(CalibrationFailed, match="one of the pictures is mirrored"):
+        run_recheck(RecheckRequest(folder=session))
 
 
 def test_light_in_the_room_is_named(session: Path, tmp_path: Path) -> None:

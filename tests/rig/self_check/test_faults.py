@@ -149,6 +149,12 @@ def test_a_flat_wall_is_named_as_a_session_names_it() -> None:
     assert checked.row("lit pixels that have a projector pixel").met
 
 
+def test_a_projector_set_for_rear_projection_is_named() -> None:
+    checked = Checked(only=["view"], codes=lambda codes: np.ascontiguousarray(codes[:, ::-1]))
+    assert not checked.row("walls that are told apart").met
+    assert "one of the pictures is mirrored" in checked.row("walls that are told apart").advice
+
+
 def test_a_projector_out_of_focus_is_seen_before_a_session() -> None:
     checked = Checked(("blur_px = 0.5", "blur_px = 3.0"), only=["view"])
     assert not checked.row("sharpness").met

@@ -15,14 +15,12 @@ from rig.cli.app import run_command
 from rig.devices.simulated.rigs import simulated_world_of
 from rig.errors import SessionError
 from rig.profile.schema import Profile
-from rig.run.session import OpenSession
 from rig.session import Session
 from rig.stages.model import load_model
 from rig.stages.scene_model import SceneModel
-from rig.strategies.comparison import oracle_rows, ratios, warnings_of
+from rig.strategies.comparison import ratios, refuse_unknown_world, warnings_of
 from rig.strategies.pictures import two_walls
 from rig.strategies.records import ClosedLoop, ComparedPicture, JudgedErrors, StrategyRow
-from rig.terminal import silent
 from rig.truth.transport import ground_truth_transport
 
 NAMES = ("none", "direct", "bounded", "tikhonov")
@@ -142,10 +140,18 @@ def test_the_true_transport_predicts_what_the_simulated_world_shows(finished: An
 
 def test_nobody_knows_the_truth_of_a_real_rig() -> None:
     """Refused before anything of the session is touched."""
-    session: Any = SimpleNamespace(path="runs/lab", profile=SimpleNamespace(simulation=None))
-    work, picture = OpenSession(session, pytest.fail), cast("Any", None)
+    real = cast("Profile", SimpleNamespace(simulation=None))
     with pytest.raises(SessionError, match="runs/lab: only a simulated rig knows its truth; leave --oracle out"):
-        oracle_rows(work, picture, ("bounded",), silent)
+        refuse_unknown_world(real, Path("runs/lab"))
+
+
+def test_the_truth_of_a_world_that_is_no_box_is_refused_before_a_photograph_is_taken(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    furnished = str(Path(__file__).parents[3] / "hw_profiles" / "sim-furnished.toml")
+    assert run_command(["compare-strategies", str(tmp_path / "session"), "-p", furnished, "--oracle"]) != 0
+    assert "there for boxes only; leave --oracle out" in capsys.readouterr().err
+    assert not (tmp_path / "session").exists()
 
 
 def test_the_two_walls_are_those_that_fill_the_picture_and_not_its_floor(finished: Any) -> None:
