@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from calibration.arrays import BoolArray, Float32Array, FloatArray
 from calibration.radiometry.flicker import PHASES
 from calibration.radiometry.linearity import fit_linearity
 from rig.errors import SessionError
@@ -19,10 +20,17 @@ _WHITES = (("response", "level-255", 1), ("gray", "white", 1), ("separation", "w
 """Step, picture and frames at the reference exposure."""
 _WHOLE_PERIODS = (("response", "level-255", PHASES), ("separation", "white", 2 * PHASES))
 """The same where frames are averaged over the period of room light."""
+_AFTER = (("separation", "lamp-after"), ("project", "lamp-before"), ("project", "lamp-after"))
+"""Whites that older sessions do not have."""
 _LOOKED_AT = (("response", "whites-of-response"), ("separation", "whites-of-separation"), ("compare", "lamp"))
 """Steps that take even drift out of what they photographed, and their records of it."""
 _LIT_SHARE = 0.2
 """Of the brightest hundredth: darker pixels see little of the lamp."""
+_PARTS, _FULL = 8, 0.3
+"""Along each side of the picture; of the pixels of the fullest part."""
+_UNEVEN, _LEAST_PERCENT = 0.5, 1.5
+"""Of the change of all white, or of so much: a lamp that warms up changes its corners by a tenth more than its middle,
+and noise changes parts of small pictures of eight bits by 0.3 %."""
 
 
 @dataclass(frozen=True)
@@ -33,30 +41,71 @@ class LampChange:
     """Brightest over darkest of the frames of white."""
     percent_per_minute: float
     """Slope of the straight line through them as far as it is more than scatter; above 0 gets brighter."""
+    here_percent: float = 0.0
+    """Brightest over darkest where white changed least, of most parts of the picture ..."""
+    there_percent: float = 0.0
+    """... and where it changed most."""
+
+    @property
+    def is_uneven(self) -> bool:
+        """Whether parts of the picture changed far more than others, as they do not for a lamp."""
+        return self.there_percent - self.here_percent > _UNEVEN * max(abs(self.percent), _LEAST_PERCENT)
 
 
 def lamp_change(session: Session) -> LampChange:
-    """Compare the frames of white in the steps `response`, `gray` and `separation`, which are finished."""
-    radiometric = load_radiometric_calibration(session)
-    table = radiometric.table()
-    times_s, lights = [], []
+    """Compare the frames of white in the steps that photograph it; `response`, `gray` and `separation` are finished."""
     averaged = load_exposure(session).averaged_hz is not None
-    for step_name, picture, repeats in _WHOLE_PERIODS if averaged else _WHITES:
-        step = session.finished(step_name)
-        for frame in (step.load_frame(frame_name(picture, 0, repeat)) for repeat in range(repeats)):
-            times_s.append(frame.started_s)
-            lights.append(np.where(frame.pixels < radiometric.saturation_dn, table[frame.pixels], np.nan))
+    times, lights = _whites(session, averaged=averaged)
     judged = np.isfinite(lights).all(axis=0)
     judged &= lights[0] > _LIT_SHARE * np.nanquantile(lights[0], 0.99)
     if not judged.any():
         return LampChange(0.0, 0.0)
-    levels = np.array([float(np.mean(light[judged], dtype=np.float64)) for light in lights])
-    times = np.array(times_s) - times_s[0]
     if averaged:
-        levels, times = levels.reshape(-1, PHASES).mean(axis=1), times.reshape(-1, PHASES).mean(axis=1)
-    line = fit_linearity(times, levels)
+        times = times.reshape(-1, PHASES).mean(axis=1)
+        lights = lights.reshape(-1, PHASES, *lights.shape[1:]).mean(axis=1)
+    levels = np.array([float(np.mean(light[judged], dtype=np.float64)) for light in lights])
+    line = fit_linearity(times - times[0], levels)
     sure = max(abs(line.slope) - 2 * line.slope_sigma, 0.0) * np.sign(line.slope)
-    return LampChange(100 * float(levels.max() / levels.min() - 1), 100 * 60 * float(sure / levels.mean()))
+    here, there = _by_parts(lights[int(levels.argmax())], lights[int(levels.argmin())], judged)
+    return LampChange(
+        percent=100 * float(levels.max() / levels.min() - 1),
+        percent_per_minute=100 * 60 * float(sure / levels.mean()),
+        here_percent=here,
+        there_percent=there,
+    )
+
+
+def _whites(session: Session, *, averaged: bool) -> tuple[FloatArray, Float32Array]:
+    """(N,) times of the frames of white, and (N, H, W, B) their light in a second of exposure; NaN where clipped."""
+    radiometric = load_radiometric_calibration(session)
+    table = radiometric.table()
+    taken = []
+    for step_name, picture, repeats in _WHOLE_PERIODS if averaged else _WHITES:
+        step = session.finished(step_name)
+        taken += [step.load_frame(frame_name(picture, 0, repeat)) for repeat in range(repeats)]
+    for step_name, picture in () if averaged else _AFTER:
+        step = session.finished(step_name)
+        taken += [step.load_frame(frame_name(picture))] if step.has_frame(frame_name(picture)) else []
+    lights = [
+        np.where(frame.pixels < radiometric.saturation_dn, table[frame.pixels] / frame.exposure_s, np.nan)
+        for frame in taken
+    ]
+    return np.array([frame.started_s for frame in taken]), np.array(lights, dtype=np.float32)
+
+
+def _by_parts(brightest: Float32Array, darkest: Float32Array, judged: BoolArray) -> tuple[float, float]:
+    """How much brighter a picture (H, W, B) is than another, in per cent, in parts where it is least and most so."""
+    sums = [_block_sums((np.nan_to_num(light) * judged).astype(np.float64)) for light in (brightest, darkest)]
+    counts = _block_sums(np.asarray(judged.any(axis=-1), dtype=np.float64))
+    full = counts > _FULL * counts.max()
+    percent = 100 * (sums[0][full] / sums[1][full] - 1)
+    return float(np.quantile(percent, 0.1)), float(np.quantile(percent, 0.9))
+
+
+def _block_sums(light: FloatArray) -> FloatArray:
+    """(N,) over squares of the picture (H, W, …)."""
+    rows, columns = (np.array_split(np.arange(n), _PARTS) for n in light.shape[:2])
+    return np.array([light[np.ix_(row, column)].sum(dtype=np.float64) for row in rows for column in columns])
 
 
 def drift_left_percent(session: Session) -> float | None:

@@ -9,7 +9,8 @@ from rig.records import Verdict, all_met
 from rig.run.expectations import expected_figures
 from rig.run.lamp import drift_left_percent, lamp_change
 from rig.run.steps import VERBS, Verb
-from rig.run.verdicts import room_light_verdicts, verdicts
+from rig.run.stillness import stillness_verdicts
+from rig.run.verdicts import edge_verdicts, room_light_verdicts, verdicts
 from rig.session import Session
 from rig.stages.comparison import load_comparison
 from rig.stages.compensation import load_compensation
@@ -35,6 +36,7 @@ from rig.stages.results import (
     StrategyResult,
     TruthErrors,
 )
+from rig.stages.separation import load_separation_record
 from rig.stages.target import shown_target
 from rig.stages.transport.evidence import gathered_evidence
 from rig.stages.transport.records import TransportRecord
@@ -67,7 +69,9 @@ def session_result(session: Session, truth: TruthErrors | None) -> SessionResult
     limits = (
         *verdicts(geometry, model, comparison, session.profile),
         *room_light_verdicts(load_exposure(session)),
+        *edge_verdicts(load_separation_record(session)),
         _lamp_verdict(session),
+        *stillness_verdicts(session),
     )
     return SessionResult(
         geometry=geometry,
@@ -237,12 +241,18 @@ def _lamp_verdict(session: Session) -> Verdict:
     flicker = "room light that swells changes white, too (see above). If it is the lamp: " if swells else ""
     left = drift_left_percent(session)
     rate = abs(change.percent_per_minute)
+    cause = (
+        f"by {change.here_percent:.1f} % in some parts of the picture and by {change.there_percent:.1f} % in others, "
+        "which no lamp does: light in the room was switched or let in, or somebody or something stood in the light or "
+        "moved; keep the room as it is, and begin a new session"
+        if change.is_uneven and not swells
+        else f"{flicker}let the projector warm up, eco mode and dynamic iris off; daylight drifts, too"
+    )
     return Verdict(
         what="lamp: drift of white",
         value=rate if left is None else left,
         limit=_LAMP_PERCENT_PER_MINUTE if left is None else _LAMP_PERCENT_LEFT,
         unit="% a minute" if left is None else "% of white left",
         advice=f"white was {change.percent:.2f} % brighter at its brightest than at its darkest, and changed by "
-        f"{rate:.2f} % a minute: {flicker}let the projector warm up, eco mode and dynamic iris off; daylight drifts, "
-        "too",
+        f"{rate:.2f} % a minute: {cause}",
     )

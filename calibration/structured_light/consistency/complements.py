@@ -1,7 +1,8 @@
 """Whether patterns and their inverses are what they are called: in linear light all pairs have the same sum.
 
 Neither blur nor light from other walls changes that, so a frame that shows another picture than it should (an old one,
-of a camera's or a projector's queue) is told from whatever a scene does to stripes.
+of a camera's or a projector's queue) is told from whatever a scene does to stripes. So is one in which the light of the
+room was another, or somebody stood in the picture.
 """
 
 from __future__ import annotations
@@ -31,6 +32,12 @@ light that flickers by some hundredths."""
 _MOST_UNLIKE = 0.05
 """Of the lit pixels: the picture before changes a fifth of them and more, where the camera resolves stripes; whoever
 walks through the picture, fewer."""
+
+_CHANGED, _EVERYWHERE = 0.1, 0.8
+"""Of the contrast, and of the lit pixels: what light in the room or a gain changes, while the stripes stay. Of a wrong
+picture and its counterpart half is the same."""
+_ONE_SIDED, _MOST_COVERED = 0.95, 0.35
+"""Of the pixels that changed, and of the lit ones. A frame that shows black in place of stripes is darker in half."""
 
 
 def refuse_stale_frames(
@@ -63,13 +70,35 @@ def refuse_stale_frames(
     if judged.sum() < _LEAST_LIT:
         return
     judged &= contrast > _STRONG * np.quantile(contrast[judged], 0.95)
-    unlike = (np.abs(lit + other - total) > _APART * contrast)[:, judged].mean(axis=1)
+    change = ((lit + other - total) / contrast)[:, judged]
+    unlike = (np.abs(change) > _APART).mean(axis=1)
+    seen = (np.abs(lit - other) > _APART * contrast)[:, judged].mean(axis=1)
     worst = int(unlike.argmax())
     if unlike[worst] > _MOST_UNLIKE:
         one, inverse = pairs[worst]
         raise CalibrationError(
             f"{one} and {inverse} do not add up to what the other pairs do at {100 * unlike[worst]:.0f} % of the lit "
-            f"pixels (limit {100 * _MOST_UNLIKE:g} %): one of the two is a stale frame that shows another picture, or "
-            "something moved; measure the latency of the rig with `rig check`, or double projector.latency_s, and "
-            "begin a new session"
+            f"pixels (limit {100 * _MOST_UNLIKE:g} %): {_cause(change[worst], seen[worst], is_flat=one == 'white')}; "
+            "keep lights, walls and devices as they are, and begin a new session"
         )
+
+
+def _cause(change: NDArray[np.floating], seen: float, *, is_flat: bool) -> str:
+    """What changed the sum of a pair so, as shares of the contrast; the pair's own stripes are seen at a share of them.
+
+    A wrong picture makes some stripes brighter and others darker; of white and black, only one of the two.
+    """
+    brighter, darker = (float((sign * change > _CHANGED).mean()) for sign in (1, -1))
+    if min(max(brighter, darker), seen) > _EVERYWHERE:
+        return (
+            f"all of the picture is {'brighter' if brighter > darker else 'darker'} in them: light in the room was "
+            "switched or let in among the photographs, or a device changed its gain: switch everything automatic off"
+        )
+    unlike = change[np.abs(change) > _APART]
+    covered = len(unlike) < _MOST_COVERED * len(change)
+    if covered and not is_flat and float((unlike < 0).mean()) > _ONE_SIDED:
+        return "these are darker, none are brighter: somebody or something stood in the light, or before the camera"
+    return (
+        "one of the two is a stale frame that shows another picture, or something moved: measure the latency of the "
+        "rig with `rig check`, or double projector.latency_s"
+    )

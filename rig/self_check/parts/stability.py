@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 
-from calibration.arrays import BoolArray, Codes, FloatArray
+from calibration.arrays import Codes, FloatArray
 from calibration.radiometry.linearity import fit_linearity
+from calibration.structured_light.consistency.displacement import shift_px
 from calibration.structured_light.patterns import random_blocks
 from rig.records import Record, Verdict
 from rig.self_check.results import PartResult
@@ -20,14 +20,6 @@ _BLOCKS = 40
 """Along the longer side of the picture: large enough to be sharp, small enough to hold still by."""
 _REFERENCE_FRAMES = 3
 """Averaged, so that the reference's noise does not move what is compared with it."""
-_ROUNDS = 2
-"""Of whole pixels and rest: the first rest may be more than half a pixel where noise is strong."""
-_SMOOTH_PX = 1.5
-"""So that a derivative from four neighbours is that of the picture."""
-_INSIDE = 0.05
-"""Of the window: pixels nearer to the border are left out, where whole-pixel shifts wrap."""
-_LARGE_PX = 500_000
-"""Larger images are halved first: seconds saved, and still thousandths of a pixel."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,52 +48,6 @@ def take_reference_image(tested: RigUnderTest) -> ReferenceImage:
     codes = random_blocks(tested.picture_shape, _BLOCKS)
     frames = [tested.photograph(codes, "blocks") for _ in range(_REFERENCE_FRAMES)]
     return ReferenceImage(codes, np.asarray(np.mean(frames, axis=0)))
-
-
-def shift_px(image: FloatArray, reference: FloatArray) -> tuple[float, float]:
-    """(x, y) by which an image is displaced against another.
-
-    Phase correlation finds it roughly, the image is put back by whole pixels, and what is left follows from the
-    gradient. No interpolation: OpenCV's moves edges by hundredths of a pixel.
-    """
-    if image.size > _LARGE_PX:
-        half_x, half_y = shift_px(_halved(image), _halved(reference))
-        return 2 * half_x, 2 * half_y
-    window = np.asarray(cv2.createHanningWindow((image.shape[1], image.shape[0]), cv2.CV_64F), dtype=np.float64)
-    # copies: OpenCV 5 multiplies what it is given by the window
-    (x, y), _ = cv2.phaseCorrelate(reference.copy(), image.copy(), window.copy())
-    found = np.array([x, y])
-    for _ in range(_ROUNDS):
-        whole = np.rint(found).astype(int)
-        back = np.roll(image, (-whole[1], -whole[0]), axis=(0, 1))
-        found = whole + _small_shift(back, reference, window)
-    return float(found[0]), float(found[1])
-
-
-def _halved(image: FloatArray) -> FloatArray:
-    return np.asarray(cv2.pyrDown(image), dtype=np.float64)
-
-
-def _small_shift(image: FloatArray, reference: FloatArray, window: FloatArray) -> FloatArray:
-    """Least squares of image - reference = -gradient · shift, brightness free; good to half a pixel."""
-    inside = window > _INSIDE
-    first, second = (_of_unit_contrast(one, inside) for one in (image, reference))
-    middle = (first + second) / 2
-    terms = np.stack([-_slope(middle, 1)[inside], -_slope(middle, 0)[inside]], axis=-1)
-    return np.asarray(np.linalg.solve(terms.T @ terms, terms.T @ (first - second)[inside]))
-
-
-def _of_unit_contrast(image: FloatArray, inside: BoolArray) -> FloatArray:
-    """Smooth, and of the same brightness and contrast whatever the lamp does."""
-    smooth = np.asarray(cv2.GaussianBlur(image, (0, 0), _SMOOTH_PX))
-    return np.asarray((smooth - smooth[inside].mean()) / smooth[inside].std())
-
-
-def _slope(image: FloatArray, axis: int) -> FloatArray:
-    """Derivative along an axis, from four neighbours."""
-    near = np.roll(image, -1, axis) - np.roll(image, 1, axis)
-    far = np.roll(image, -2, axis) - np.roll(image, 2, axis)
-    return np.asarray((8 * near - far) / 12)
 
 
 def check_stability(tested: RigUnderTest, reference: ReferenceImage) -> PartResult[Stability]:

@@ -137,8 +137,9 @@ def test_stale_frames_of_a_session_are_refused_by_name(code: CodeName) -> None:
     refuse_stale(frames)
     names = list(frames)[2:]
     for before, name in list(pairwise(names))[::3]:
-        with pytest.raises(CalibrationError, match=name.removesuffix("-inverse")):
-            refuse_stale({**frames, name: frames[before]})
+        for shown in (before, "black"):
+            with pytest.raises(CalibrationError, match=f"{name.removesuffix('-inverse')} .*stale frame"):
+                refuse_stale({**frames, name: frames[shown]})
 
 
 @pytest.mark.parametrize(("name", "shown"), [("white", "long-run-column-03"), ("black", "long-run-column-03-inverse")])
@@ -152,6 +153,30 @@ def test_stale_frames_of_white_and_black_are_told_from_those_of_patterns(name: s
 @pytest.mark.parametrize("change", [{"blur_px": 9.0}, {"glow": 3.0}, {"drift": 0.003}])
 def test_blur_other_walls_and_a_lamp_that_drifts_are_no_stale_frames(code: CodeName, change: dict[str, float]) -> None:
     refuse_stale(session_of(code, **change))
+
+
+@pytest.mark.parametrize("code", ["gray", "long-run", "xor-02"])
+@pytest.mark.parametrize("first", [0.3, 0.8])
+@pytest.mark.parametrize(("by", "word"), [(40.0, "brighter|darker"), (-40.0, "brighter|darker")])
+def test_a_light_that_is_switched_among_the_stripes_is_named(
+    code: CodeName, first: float, by: float, word: str
+) -> None:
+    frames = session_of(code, glow=0.8)
+    late = list(frames)[round(first * len(frames)) :]
+    changed = {name: frame + (by if name in late else 0) + 40 for name, frame in frames.items()}
+    with pytest.raises(CalibrationError, match=f"all of the picture is ({word}) in them: light in the room"):
+        refuse_stale(changed)
+
+
+@pytest.mark.parametrize("code", ["gray", "long-run", "xor-02"])
+@pytest.mark.parametrize("left", [40, 150])
+def test_somebody_who_walks_through_the_picture_is_no_stale_frame(code: CodeName, left: int) -> None:
+    frames = session_of(code, glow=0.8)
+    for name in list(frames)[9:13]:
+        frames[name] = frames[name].copy()
+        frames[name][40:, left : left + 60] *= 0.3
+    with pytest.raises(CalibrationError, match="somebody or something stood in the light"):
+        refuse_stale(frames)
 
 
 def test_a_scene_without_light_has_no_stale_frames() -> None:

@@ -29,3 +29,18 @@ def test_a_mirrored_picture_is_called_mirrored(outcome: Outcome, name: str) -> N
 
 def test_a_projector_that_hangs_upside_down_is_no_fault(outcome: Outcome) -> None:
     assert "mirrored" not in outcome("upside down")
+
+
+def test_a_camera_that_sharpens_its_pictures_is_told_by_the_middles_of_checks(outcome: Outcome) -> None:
+    assert "OUTSIDE" in (line := outcome("camera's sharpness"))
+    assert "direct light by the middles of checks" in line
+
+
+def test_a_camera_that_moved_among_the_steps_is_told_by_its_whites(outcome: Outcome) -> None:
+    assert "standing still: displacement of white between two photographs: 2.1" in outcome(
+        "camera moved by 2 px at frame 105"
+    )
+
+
+def test_somebody_who_walks_through_the_pictures_of_checks_is_named(outcome: Outcome) -> None:
+    assert "Somebody or something stood in the light" in outcome("passer-by at frame 135")

@@ -44,7 +44,7 @@ class Whites:
             pixels = np.rint(even + random.normal(0, 3, even.shape)).astype(np.uint16)
             return RawFrame(pixels=pixels, exposure_s=0.01, started_s=time_s, sequence=1)
 
-        return SimpleNamespace(load_frame=load_frame)
+        return SimpleNamespace(load_frame=load_frame, has_frame=lambda frame: (name, frame) in TIMES_S)
 
 
 @pytest.fixture
@@ -67,6 +67,25 @@ def test_light_that_only_flickers_does_not_drift() -> None:
     found = lamp.lamp_change(Whites(lambda time_s: 1 + 0.003 * np.sin(40 * time_s)))  # type: ignore[arg-type]
     assert found.percent > 0.2
     assert found.percent_per_minute == pytest.approx(0, abs=1.0)
+
+
+@pytest.mark.usefixtures("straight")
+@pytest.mark.parametrize("share", [0.05, 0.3])
+def test_what_changes_white_in_a_part_of_the_picture_is_no_lamp(share: float) -> None:
+    """Of 50 columns the brightest, that is those on the right."""
+
+    def light(time_s: float) -> float:
+        return np.where(np.arange(50) > 40, 1 - (share if time_s > 10 else 0), 1.0)[:, None]  # type: ignore[return-value]
+
+    assert lamp.lamp_change(Whites(light)).is_uneven  # type: ignore[arg-type]
+    assert not lamp.lamp_change(Whites(lambda time_s: 1 - share * (time_s > 10))).is_uneven  # type: ignore[arg-type]
+
+
+@pytest.mark.usefixtures("straight")
+def test_white_behind_the_pictures_is_looked_at_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(TIMES_S, ("project", "lamp-after.e0.r0"), 20.0)
+    found = lamp.lamp_change(Whites(lambda time_s: 1.0 if time_s < 15 else 1.02))  # type: ignore[arg-type]
+    assert found.percent == pytest.approx(2, abs=0.1)
 
 
 @pytest.mark.usefixtures("straight")

@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from rig.self_check.parts.stability import shift_px
+from calibration.structured_light.consistency.displacement import clear_shift_px, shift_px
 from tests.rig.self_check.rig_with_faults import displaced
 
 
@@ -19,3 +19,21 @@ def test_shifts_are_found_to_a_fiftieth_of_a_pixel(
     found = shift_px(1.1 * displaced(scene, *shift) + random.normal(0, 5, shape) + 30, scene)
     assert found == pytest.approx(shift, abs=0.02)
     assert np.array_equal(scene, kept)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_bare_wall_has_no_displacement(seed: int) -> None:
+    """Its photographs are alike but for noise, whose correlation peaks anywhere."""
+    random = np.random.default_rng(seed)
+    smooth = 1000 + np.linspace(0, 200, 320)[None, :] * np.ones((240, 1))
+    photographs = [smooth + random.normal(0, 5, smooth.shape) for _ in range(2)]
+    assert np.hypot(*clear_shift_px(*photographs)) < 0.1
+    assert clear_shift_px(np.full((240, 320), 7.0), np.full((240, 320), 7.0)) == (0.0, 0.0)
+
+
+@pytest.mark.parametrize("shift", [(0.5, 0.3), (2.4, -1.7)])
+def test_what_is_displaced_is_so_beside_noise_and_a_brighter_lamp(shift: tuple[float, float]) -> None:
+    random = np.random.default_rng(4)
+    scene = 1000 + 300 * cv2.GaussianBlur(random.normal(0, 1, (240, 320)), (0, 0), 3.0) * 5
+    found = clear_shift_px(1.1 * displaced(scene, *shift) + random.normal(0, 20, scene.shape), scene)
+    assert found == pytest.approx(shift, abs=0.05)
