@@ -109,6 +109,17 @@ def _speck(light: Float32Array) -> Float32Array:
     return np.asarray(light * (1 - 0.2 * np.exp(-far / (2 * (0.05 * light.shape[1]) ** 2))), dtype=np.float32)
 
 
+def _mirror(light: Float32Array) -> Float32Array:
+    """A glass door that is dark behind, where another part of the room is seen."""
+    height, width = light.shape[:2]
+    rows, left, right = slice(height * 5 // 12, height * 10 // 12), width * 9 // 16, width * 14 // 16
+    seen = light.copy()
+    seen[rows, left:right] = (
+        np.float32(0.85) * light[rows, width - right - width // 16 : width - left - width // 16][:, ::-1]
+    )
+    return seen
+
+
 def _of_float(change: Callable[[Float32Array, int], Float32Array]) -> OfLevels:
     """A change of levels as shares of full scale."""
 
@@ -199,6 +210,7 @@ LENSES: dict[str, OfLight] = {
     "stray light of 4 % in the camera": partial(_stray, 0.04),
     "halo of 5 % in the camera": partial(_halo, 0.05),
     "dust on the camera": _speck,
+    "mirror on a wall": _mirror,
 }
 CAMERAS: dict[str, OfLevels] = {
     "camera's sharpness": _of_float(lambda picture, _: _sharpened(picture, 0.6, 1.2)),

@@ -355,7 +355,8 @@ def _refuse_changes(groups: LightGroups, found: _Solution) -> None:
             f"camera response: no one curve fits all exposures: {100 * found.left:.1f} % of full scale is left (rms), "
             f"the limit is {100 * _MOST_LEFT:g} %, and light seems to be {100 * repeated:.1f} % (rms) off the "
             f"exposures, the limit is {100 * _MOST_REPEATED:g} %: the camera's tone curve moves from frame to frame "
-            "(auto tone mapping, dynamic contrast, backlight compensation); switch it off"
+            "(auto tone mapping, dynamic contrast, backlight compensation): switch it off; or dark levels differ from "
+            "column to column or row to row: switch the camera's black-level or fixed-pattern correction on"
         )
     if found.light_change > _MOST_CHANGE:
         raise CalibrationError(

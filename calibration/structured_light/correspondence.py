@@ -32,6 +32,8 @@ class PixelReason(IntEnum):
     """The frames fit several projector pixels about equally well, or none of them."""
     WASHED_OUT = 7
     """Stripes have too little contrast here, by blur or by global light, for a coordinate within its limit."""
+    MIRRORED = 8
+    """Left and right are exchanged here: the camera, or the projector, sees the surface in a mirror."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -21,7 +21,7 @@ from calibration.geometry.triangulation import (
     stands_alone,
 )
 from calibration.structured_light.correspondence import Correspondence, PixelReason
-from calibration.structured_light.orientation import refuse_mirrored
+from calibration.structured_light.orientation import without_mirrored
 from calibration.structured_light.subpixel import refine_subpixel
 from rig.devices.replay.photographs import Manifest, Photograph, load_manifest, load_photographs, read_photograph
 from rig.errors import CalibrationFailed, ProfileError
@@ -163,8 +163,7 @@ def scan_photographs(
     """
     try:
         ordered = in_order(manifest, frames, devices, limit_dn=limit_dn, epipolar_limit_px=epipolar_limit_px)
-        correspondence = decode(manifest, ordered.frames, limit_dn)
-        refuse_mirrored(correspondence)
+        correspondence = without_mirrored(decode(manifest, ordered.frames, limit_dn))
         both = len(axes_of(frames)) == 2
         held = _held(manifest, correspondence) if both else None
         devices = devices if held is None else held.devices

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
-from calibration.structured_light.orientation import refuse_mirrored
+from calibration.structured_light.orientation import without_mirrored
 from rig.capture.rig import Rig, open_rig
 from rig.errors import SessionError, UsageError
 from rig.profile.schema import Profile, load_runnable_profile
@@ -103,8 +103,7 @@ def _checked(
     gray = _photographed(rig, session, before, known, on_step=on_step)
     device_s = rig.clock.now_s() - started_s
     on_step("compare with the session", 0, 2)
-    now = read_code_once(session, gray)
-    refuse_mirrored(now)
+    now = without_mirrored(read_code_once(session, gray))
     white, black = light_of_flats(gray, known.radiometric)
     compared = compare(known, now, white, black)
     on_step("compare with the session", 1, 2)

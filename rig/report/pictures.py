@@ -21,8 +21,18 @@ Numbers = NDArray[np.integer] | NDArray[np.floating]
 
 ERROR_RANGE = 64.0
 """Grey levels at the ends of the error scale."""
-REASONS = ("valid", "dark", "saturated", "uncertain bit", "out of range", "isolated", "ambiguous", "washed out")
-_REASON_COLOURS = ("#2a9d5c", "#20242e", "#f2c14e", "#d9673a", "#8c4fb0", "#3a7bd5", "#c94f7c", "#8a7a5c")
+REASONS = (
+    "valid",
+    "dark",
+    "saturated",
+    "uncertain bit",
+    "out of range",
+    "isolated",
+    "ambiguous",
+    "washed out",
+    "mirrored",
+)
+_REASON_COLOURS = ("#2a9d5c", "#20242e", "#f2c14e", "#d9673a", "#8c4fb0", "#3a7bd5", "#c94f7c", "#8a7a5c", "#5fc9c4")
 
 
 @dataclass(frozen=True)

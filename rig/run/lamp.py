@@ -20,7 +20,10 @@ _WHITES = (("response", "level-255", 1), ("gray", "white", 1), ("separation", "w
 """Step, picture and frames at the reference exposure."""
 _WHOLE_PERIODS = (("response", "level-255", PHASES), ("separation", "white", 2 * PHASES))
 """The same where frames are averaged over the period of room light."""
-_AFTER = (("separation", "lamp-after"), ("project", "lamp-before"), ("project", "lamp-after"))
+_AROUND = (
+    *(("response", "lamp-before"), ("response", "lamp-after"), ("separation", "lamp-after")),
+    *(("project", "lamp-before"), ("project", "lamp-after")),
+)
 """Whites that older sessions do not have."""
 _LOOKED_AT = (("response", "whites-of-response"), ("separation", "whites-of-separation"), ("compare", "lamp"))
 """Steps that take even drift out of what they photographed, and their records of it."""
@@ -83,7 +86,7 @@ def _whites(session: Session, *, averaged: bool) -> tuple[FloatArray, Float32Arr
     for step_name, picture, repeats in _WHOLE_PERIODS if averaged else _WHITES:
         step = session.finished(step_name)
         taken += [step.load_frame(frame_name(picture, 0, repeat)) for repeat in range(repeats)]
-    for step_name, picture in () if averaged else _AFTER:
+    for step_name, picture in () if averaged else _AROUND:
         step = session.finished(step_name)
         taken += [step.load_frame(frame_name(picture))] if step.has_frame(frame_name(picture)) else []
     lights = [

@@ -17,7 +17,7 @@ from calibration.errors import CalibrationError
 from calibration.structured_light.correspondence import Correspondence, PixelReason
 from calibration.structured_light.frames import NOISE_SIGMAS
 from calibration.structured_light.gray import BOTH_AXES
-from calibration.structured_light.orientation import refuse_mirrored
+from calibration.structured_light.orientation import without_mirrored
 from calibration.structured_light.patterns import Pattern, flat
 from rig.capture.rig import Rig
 from rig.errors import SessionError
@@ -188,8 +188,7 @@ def decode_gray_code(session: Session, step: Step, on_step: OnStep) -> None:
         )
     on_step("decode", 1, 2)
     finer = finer_places(correspondence, shown.code, by.of(shown), session)
-    refined = finer.correspondence
-    refuse_mirrored(refined)
+    refined = without_mirrored(finer.correspondence)
     xy = refined.projector_xy_px
     channels = {"column": xy[..., 0], "row": xy[..., 1], "reason": refined.reason.astype(np.float32)}
     if refined.sigma_px is not None:

@@ -18,7 +18,7 @@ from calibration.geometry.pinhole import world_rays
 from calibration.radiometry.photon_transfer import fit_camera_noise
 from calibration.radiometry.response import Response
 from calibration.structured_light.correspondence import Correspondence, PixelReason
-from calibration.structured_light.orientation import refuse_mirrored
+from calibration.structured_light.orientation import without_mirrored
 from calibration.structured_light.patterns import Pattern, checker
 from calibration.structured_light.subpixel import refine_subpixel
 from rig.errors import CalibrationFailed
@@ -259,7 +259,6 @@ def _geometry(tested: RigUnderTest, decoded: _Decoded) -> tuple[GeometryRecord |
     """As a session fits it, or its refusal."""
     try:
         with one_error_tree(), blaming_focus(decoded.stripes_times):
-            refuse_mirrored(decoded.correspondence)
-            return geometry_of(decoded.correspondence, tested.rig.profile, silent), ""
+            return geometry_of(without_mirrored(decoded.correspondence), tested.rig.profile, silent), ""
     except CalibrationFailed as error:
         return None, str(error)

@@ -7,7 +7,12 @@ import runpy
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
+
+from calibration.structured_light.correspondence import PixelReason
+from rig.session import Session
+from rig.stages.correspondence import load_correspondence
 
 ROOT = Path(__file__).parents[3]
 Outcome = Callable[[str], str]
@@ -29,6 +34,16 @@ def test_a_mirrored_picture_is_called_mirrored(outcome: Outcome, name: str) -> N
 
 def test_a_projector_that_hangs_upside_down_is_no_fault(outcome: Outcome) -> None:
     assert "mirrored" not in outcome("upside down")
+
+
+def test_what_is_seen_in_a_mirror_is_left_out(outcome: Outcome, tmp_path: Path) -> None:
+    assert "| within |" in outcome("mirror on a wall")
+    with Session.read(tmp_path / "mirror-on-a-wall") as session:
+        mirrored = load_correspondence(session).reason == PixelReason.MIRRORED
+    rows, columns = np.nonzero(mirrored)
+    assert (rows.min(), rows.max()) == pytest.approx((100, 199), abs=4)
+    assert (columns.min(), columns.max()) == pytest.approx((180, 279), abs=4)
+    assert mirrored[100:200, 180:280].mean() > 0.9
 
 
 def test_a_camera_that_sharpens_its_pictures_is_told_by_the_middles_of_checks(outcome: Outcome) -> None:
