@@ -109,6 +109,43 @@ def _speck(light: Float32Array) -> Float32Array:
     return np.asarray(light * (1 - 0.2 * np.exp(-far / (2 * (0.05 * light.shape[1]) ** 2))), dtype=np.float32)
 
 
+def _autofocus(picture: Float32Array, frame: int) -> Float32Array:
+    return np.asarray(cv2.GaussianBlur(picture, (0, 0), 0.4 + 0.8 * abs(np.sin(frame / 13))))
+
+
+def _breathing(picture: Float32Array, frame: int) -> Float32Array:
+    """A lens whose focus moves changes its focal length, too."""
+    height, width = picture.shape[:2]
+    matrix = cv2.getRotationMatrix2D(((width - 1) / 2, (height - 1) / 2), 0.0, 1 + 0.004 * float(np.sin(frame / 17)))
+    return np.asarray(cv2.warpAffine(picture, matrix, (width, height), borderMode=cv2.BORDER_REPLICATE))
+
+
+class _FrameAverage:
+    """A camera that takes noise away by means over time."""
+
+    def __init__(self, share: float) -> None:
+        self.share, self.before = share, np.zeros(0, dtype=np.float32)
+
+    def __call__(self, picture: Float32Array, _: int) -> Float32Array:
+        before = self.before if self.before.shape == picture.shape else picture
+        self.before = np.asarray((1 - self.share) * picture + self.share * before)
+        return self.before
+
+
+def _stabiliser(picture: Float32Array, frame: int) -> Float32Array:
+    return _moved(float(np.random.default_rng(frame).normal(0, 0.5)), picture)
+
+
+def _denoised(picture: Float32Array, _: int) -> Float32Array:
+    return np.asarray(cv2.bilateralFilter(np.ascontiguousarray(picture[..., 0]), 5, 0.03, 1.5))
+
+
+def _dead_rows(picture: Float32Array, _: int) -> Float32Array:
+    dead = picture.copy()
+    dead[100:104] = 0
+    return dead
+
+
 def _mirror(light: Float32Array) -> Float32Array:
     """A glass door that is dark behind, where another part of the room is seen."""
     height, width = light.shape[:2]
@@ -219,6 +256,13 @@ CAMERAS: dict[str, OfLevels] = {
     "automatic gain": _of_float(_automatic_gain),
     "camera creeps": _of_float(lambda picture, frame: _moved(0.01 * frame, picture)),
     "daylight grows": _of_float(lambda picture, frame: np.asarray(picture + np.float32(3e-4 * frame))),
+    "autofocus hunts": _of_float(_autofocus),
+    "lens breathes": _of_float(_breathing),
+    "means over time": _of_float(_FrameAverage(0.2)),
+    "stabiliser": _of_float(_stabiliser),
+    "noise smoothed away": _of_float(_denoised),
+    "gain creeps": _of_float(lambda picture, frame: picture * np.float32(1 + 8e-4 * frame)),
+    "dead rows": _of_float(_dead_rows),
     "hot pixels": _of_float(_hot),
     "columns differ": _of_float(_columns),
     "picture scaled up": _of_float(_upscaled),

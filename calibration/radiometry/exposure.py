@@ -171,5 +171,7 @@ def refuse_lateness(black: Sequence[Frame], white: Frame) -> None:
         raise CalibrationError(
             f"the first photograph of black after white still has {100 * left / light:.0f} % of white's light, those "
             f"after it have not; the limit is {100 * _MOST_LEFT:g} %: photographs show the picture before the one that "
-            "was on. Raise projector.latency_s; `rig check` measures it, and --apply writes it into the profile"
+            "was on. Raise projector.latency_s (`rig check` measures it, and --apply writes it into the profile); "
+            "switch off what lays frames over each other, the camera's noise reduction and the projector's smooth "
+            "motion"
         )

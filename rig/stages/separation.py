@@ -169,8 +169,9 @@ def _refuse_odd_pictures(crossed: CrossCheck, names: Sequence[str]) -> None:
         f"{len(which)} of {len(names)} pictures of checks are not what the others make of them ({listed}): "
         f"{names[worst]} is {crossed.off_percent[worst]:+.1f} % of direct light off (limit {_MOST_OFF_PERCENT:g} %), "
         f"and leaves {crossed.rms_ratio[worst]:.1f} times as much as the middle one (limit {_MOST_RMS_RATIO:g}). "
-        "Somebody or something stood in the light or before the camera, light in the room was switched or let in, or a "
-        "device moved while they were photographed: keep everything as it is, and begin a new session"
+        "Somebody or something stood in the light or before the camera, light in the room was switched or let in, a "
+        "device moved, or the camera set its focus, zoom or gain by itself while they were photographed: keep "
+        "everything as it is, switch everything automatic off, and begin a new session"
     )
 
 
