@@ -57,7 +57,9 @@ class _White:
 
 
 def displacement_of(session: Session) -> Displacement | None:
-    """Lay whites of a session's finished steps over each other, each over the one before.
+    """Lay whites of a session's finished steps over each other.
+
+    Each over the one before, for what moves at once, and over the first, for what creeps.
 
     Returns
     -------
@@ -65,7 +67,8 @@ def displacement_of(session: Session) -> Displacement | None:
         The largest step; None where white was not photographed twice at one size.
     """
     whites = sorted(_whites(session), key=lambda white: white.time_s)
-    steps = [_between(*pair) for pair in pairwise(whites) if pair[0].light.shape == pair[1].light.shape]
+    pairs = [*pairwise(whites), *((whites[0], later) for later in whites[2:])]
+    steps = [_between(then, now) for then, now in pairs if then.light.shape == now.light.shape]
     return max(steps, key=lambda step: step.px, default=None)
 
 

@@ -57,5 +57,9 @@ def test_a_camera_that_moved_among_the_steps_is_told_by_its_whites(outcome: Outc
     )
 
 
+def test_a_camera_that_sinks_on_its_stand_is_told_by_its_whites(outcome: Outcome) -> None:
+    assert "standing still: displacement of white between two photographs: 1." in outcome("camera creeps")
+
+
 def test_somebody_who_walks_through_the_pictures_of_checks_is_named(outcome: Outcome) -> None:
     assert "Somebody or something stood in the light" in outcome("passer-by at frame 135")
