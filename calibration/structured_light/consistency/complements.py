@@ -70,7 +70,7 @@ def refuse_stale_frames(
     if judged.sum() < _LEAST_LIT:
         return
     judged &= contrast > _STRONG * np.quantile(contrast[judged], 0.95)
-    change = ((lit + other - total) / contrast)[:, judged]
+    change = (lit + other - total)[:, judged] / contrast[judged]
     unlike = (np.abs(change) > _APART).mean(axis=1)
     seen = (np.abs(lit - other) > _APART * contrast)[:, judged].mean(axis=1)
     worst = int(unlike.argmax())

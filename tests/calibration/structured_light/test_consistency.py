@@ -179,6 +179,14 @@ def test_somebody_who_walks_through_the_picture_is_no_stale_frame(code: CodeName
         refuse_stale(frames)
 
 
+def test_pixels_that_see_no_light_at_all_do_not_disturb_the_others() -> None:
+    """As where a camera's levels are cut off at black."""
+    frames = {name: frame.copy() for name, frame in session_of("long-run", glow=0.8).items()}
+    for frame in frames.values():
+        frame[:40] = 0.0
+    refuse_stale(frames)
+
+
 def test_a_scene_without_light_has_no_stale_frames() -> None:
     frames = {name: np.full(SHAPE, 20.0) for name in session_of("gray")}
     refuse_stale(frames)

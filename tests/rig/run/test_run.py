@@ -33,7 +33,7 @@ def test_a_camera_that_is_later_than_its_profile_says_is_refused_with_that_cause
     late = tmp_path / "late.toml"
     late.write_text(text.replace("stale_frame_rate = 0.02", f"pipeline_frames = {frames}"), "utf-8")
     with open_rig(load_profile(late)) as rig, Session.open(tmp_path / "session", rig.profile) as session:
-        with pytest.raises(CalibrationFailed, match=r"the picture before.*Raise projector\.latency_s; `rig check`"):
+        with pytest.raises(CalibrationFailed, match=r"the picture before.*Raise projector\.latency_s \(`rig check`"):
             verbs.calibrate(rig, session)
 
 
