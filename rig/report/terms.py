@@ -76,7 +76,13 @@ WORDS: Mapping[str, str] = {
         "Pixels that are off by no more than three of their stated standard deviations, in the picture with fewest."
     ),
     "measured - simulated: |bias|": "Mean of photograph minus prediction, whichever sign.",
+    "separation: direct light by the middles of checks, against that by all of them": (
+        "A camera that sharpens its pictures, or a dirty lens, adds or takes light beside edges; none reach the middle."
+    ),
     "lamp: drift of white": "How much of a change of projector white may be left in the light, or how fast it is.",
+    "standing still: displacement of white between two photographs": (
+        "By how far a photograph of white has to be moved to lie on an earlier one: 0 while nothing moves."
+    ),
 }
 """Heads of columns, and rows that are judged."""
 

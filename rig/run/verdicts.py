@@ -215,7 +215,8 @@ def _compared(comparison: ModelComparison, limits: Limits) -> tuple[Verdict, ...
             value=comparison.rmse,
             limit=max(limits.comparison_rmse, _OF_NOISE * comparison.noise_rms),
             unit="grey levels",
-            advice="look at the report's error pictures: what is not a wall of the room is not in the model",
+            advice="look at the report's error pictures: what is not a wall of the room, or shines, is not in the "
+            "model (transport.photographs teach it the light)",
         ),
         Verdict(
             what="measured - simulated: |bias|",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 import shutil
 from dataclasses import replace
@@ -54,6 +55,12 @@ def test_every_head_of_a_table_is_explained_on_hover_and_in_the_list_of_words(pa
     words = re.findall(r"<dt>(.*?)</dt>", page)
     for word in ("SSIM", "rms", "clipped, %", "bounded", "within 3 σ, %", "lamp: drift of white"):
         assert word in words
+
+
+def test_every_row_that_is_judged_is_explained(finished: Finished) -> None:
+    rows = json.loads((finished.folder / "metrics.json").read_text("utf-8"))["limits"]
+    assert len(rows) > 8
+    assert [row["what"] for row in rows if not explanation(row["what"])] == []
 
 
 def test_the_page_names_walls_scales_and_the_command_that_was_used(page: str, finished: Finished) -> None:
