@@ -1,7 +1,7 @@
 """Sessions with devices that change pictures on their own: what televisions, webcams, rooms and lenses do to them.
 
     python benchmarks/calibration/meddling_devices.py
-    python benchmarks/calibration/meddling_devices.py --profile hw_profiles/sim-room.toml --only glare steps
+    python benchmarks/calibration/meddling_devices.py --profile hw_profiles/sim-room.toml --only stray "at frame"
 
 The simulated devices of a profile, each time with one of the changes below: picture modes of projectors, automatics of
 cameras, stray light in lenses, lights that are switched on, a tripod that gives way. A line a session: whether it ended
@@ -42,7 +42,7 @@ OfLight = Callable[[Float32Array], Float32Array]
 OfLevels = Callable[[Levels, int, float], Levels]
 """Of a camera's levels, the frame's number and full scale."""
 EVENTS = (45, 75, 105, 135)
-"""Frames before something happens: after the exposures, among the stripes, among the checkers, among the targets."""
+"""Frames before something happens: on ci-tiny among the levels, the stripes, before the checks, among them."""
 
 
 def _sharpened(picture: Float32Array, amount: float, radius_px: float) -> Float32Array:
@@ -54,10 +54,10 @@ def _to_codes(picture: Float32Array) -> Codes:
     return np.asarray(np.clip(np.rint(picture), 0, 255), dtype=np.uint8)
 
 
-def _overscan(codes: Codes, scale: float) -> Codes:
-    height, width = codes.shape[:2]
+def _zoomed(picture: NDArray[Any], scale: float, border: int = cv2.BORDER_CONSTANT) -> NDArray[Any]:
+    height, width = picture.shape[:2]
     matrix = cv2.getRotationMatrix2D(((width - 1) / 2, (height - 1) / 2), 0.0, scale)
-    return np.asarray(cv2.warpAffine(codes, matrix, (width, height), flags=cv2.INTER_LINEAR))
+    return np.asarray(cv2.warpAffine(picture, matrix, (width, height), flags=cv2.INTER_LINEAR, borderMode=border))
 
 
 def _keystone(codes: Codes, share: float) -> Codes:
@@ -115,9 +115,7 @@ def _autofocus(picture: Float32Array, frame: int) -> Float32Array:
 
 def _breathing(picture: Float32Array, frame: int) -> Float32Array:
     """A lens whose focus moves changes its focal length, too."""
-    height, width = picture.shape[:2]
-    matrix = cv2.getRotationMatrix2D(((width - 1) / 2, (height - 1) / 2), 0.0, 1 + 0.004 * float(np.sin(frame / 17)))
-    return np.asarray(cv2.warpAffine(picture, matrix, (width, height), borderMode=cv2.BORDER_REPLICATE))
+    return _zoomed(picture, 1 + 0.004 * float(np.sin(frame / 17)), cv2.BORDER_REPLICATE)
 
 
 class _FrameAverage:
@@ -228,8 +226,8 @@ PROJECTORS: dict[str, OfCodes] = {
     "limited range": lambda codes: _to_codes((codes.astype(np.float32) - 16) * 255 / 219),
     "lifted range": lambda codes: _to_codes(16 + codes.astype(np.float32) * 219 / 255),
     "six bits": lambda codes: np.asarray(codes & 0xFC),
-    "overscan of 3 %": partial(_overscan, scale=1.03),
-    "underscan of 3 %": partial(_overscan, scale=0.97),
+    "overscan of 3 %": partial(_zoomed, scale=1.03),
+    "underscan of 3 %": partial(_zoomed, scale=0.97),
     "keystone": partial(_keystone, share=0.03),
     "slow panel": _Lag(0.04),
     "mirrored for rear projection": lambda codes: np.ascontiguousarray(codes[:, ::-1]),

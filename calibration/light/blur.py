@@ -13,7 +13,7 @@ from functools import cached_property
 
 import numpy as np
 
-from calibration.arrays import BoolArray, Codes, Float32Array, FloatArray
+from calibration.arrays import BoolArray, Codes, Float32Array, FloatArray, IntArray
 from calibration.errors import CalibrationError
 from calibration.light.two_level import Footprint, TwoLevelPicture, shares_and_slopes, two_level
 from calibration.structured_light.correspondence import Correspondence
@@ -209,33 +209,57 @@ def _held(z: FloatArray, step: FloatArray) -> FloatArray:
     return np.asarray(cut)
 
 
+def pixels_inside(
+    xy_px: FloatArray, projector_shape: tuple[int, int], usable: BoolArray, *, edge_px: float, most: int
+) -> tuple[IntArray, IntArray]:
+    """Choose camera pixels by chance, always the same, that see the projector's picture away from its border.
+
+    Parameters
+    ----------
+    xy_px : (H, W, 2)
+        Projector pixel of each camera pixel; NaN where there is none.
+    projector_shape : tuple of int
+        (height, width) of the projector's picture.
+    usable : (H, W)
+        Those that may be chosen.
+    edge_px : float
+        Least distance from the border of the projector's picture.
+    most : int
+        Of the pixels.
+
+    Returns
+    -------
+    rows, columns : (N,)
+    """
+    height, width = projector_shape
+    with np.errstate(invalid="ignore"):
+        inside = ((xy_px > edge_px) & (xy_px < np.array([width, height]) - 1 - edge_px)).all(axis=-1)
+    rows, columns = np.nonzero(usable & inside)
+    few = np.random.default_rng(0).permutation(len(rows))[:most]
+    return rows[few], columns[few]
+
+
 def _problem(
     frames: Sequence[Float32Array],
     pictures: Sequence[TwoLevelPicture],
     correspondence: Correspondence,
     usable: BoolArray,
 ) -> _BlurProblem:
-    stretched = stretch(correspondence)
-    xy = correspondence.projector_xy_px.astype(np.float64)
-    height, width = correspondence.projector_shape
-    with np.errstate(invalid="ignore"):
-        inside = ((xy > _EDGE_PX) & (xy < np.array([width, height]) - 1 - _EDGE_PX)).all(axis=-1)
-    chosen = usable & correspondence.valid & inside & (stretched > 0).all(axis=-1)
-    rows, columns = np.nonzero(chosen)
+    stretched, xy = stretch(correspondence), correspondence.projector_xy_px.astype(np.float64)
+    told = usable & correspondence.valid & (stretched > 0).all(axis=-1)
+    rows, columns = pixels_inside(xy, correspondence.projector_shape, told, edge_px=_EDGE_PX, most=_SAMPLES)
     if len(rows) < _LEAST_PIXELS:
         raise CalibrationError(
             f"{len(rows)} lit pixels with a projector pixel to find the blur from, at least {_LEAST_PIXELS} are "
             "needed: look at the correspondence map"
         )
-    few = np.random.default_rng(0).permutation(len(rows))[:_SAMPLES]
-    rows, columns = rows[few], columns[few]
     return _BlurProblem(
         light=np.stack([frame[rows, columns].astype(np.float64) for frame in frames]),
         pictures=tuple(pictures),
         xy=xy[rows, columns],
         camera_xy=np.stack([columns, rows], axis=-1).astype(np.float64),
         stretched=stretched[rows, columns],
-        shapes=((height, width), usable.shape),
+        shapes=(correspondence.projector_shape, usable.shape),
     )
 
 

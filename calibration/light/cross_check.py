@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from calibration.arrays import BoolArray, Codes, Float32Array, FloatArray
-from calibration.light.blur import stretch
+from calibration.light.blur import pixels_inside, stretch
 from calibration.light.two_level import Footprint, shares_and_slopes, two_level
 from calibration.structured_light.correspondence import Correspondence
 
@@ -74,14 +74,10 @@ def cross_check(
         None where fewer than 200 pixels tell.
     """
     stretched = stretch(correspondence)
-    height, width = correspondence.projector_shape
-    with np.errstate(invalid="ignore"):
-        inside = (seen.xy_px > _EDGE_PX) & (seen.xy_px < np.array([width, height]) - 1 - _EDGE_PX)
-    rows, columns = np.nonzero(usable & inside.all(axis=-1) & (stretched > 0).all(axis=-1))
-    if len(rows) < _LEAST_SAMPLES:
+    told = usable & (stretched > 0).all(axis=-1)
+    at = pixels_inside(seen.xy_px, correspondence.projector_shape, told, edge_px=_EDGE_PX, most=_SAMPLES)
+    if len(at[0]) < _LEAST_SAMPLES:
         return None
-    few = np.random.default_rng(0).permutation(len(rows))[:_SAMPLES]
-    at = rows[few], columns[few]
     pictures = [two_level(codes) for codes in patterns]
     light, wanted = np.stack([frame[at] for frame in frames]).astype(np.float64), direct[at].astype(np.float64)
     xy_px, variance_px2 = seen.xy_px[at].astype(np.float64), seen.variance_px2[at].astype(np.float64)

@@ -19,7 +19,7 @@ from rig.stages.correspondence import load_correspondence
 from rig.stages.photograph import frame_name
 from rig.stages.radiometry import load_radiometric_calibration
 
-_STEPS = ("gray", "separation", "transport", "project")
+_STEPS = ("gray", "separation", "project")
 """That photograph white; before them a device may move, for curves do not depend on places."""
 _WHITES = ("white", "lamp-before", "lamp-after")
 _MOST_PX = 0.5

@@ -8,15 +8,16 @@ from functools import partial
 
 import numpy as np
 
+from calibration.arrays import Codes
 from calibration.errors import CalibrationError
 from calibration.light.blur import LensBlur, PointSpread, fit_point_spread, footprint_map, variance_sigma_map
 from calibration.light.check_size import blur_of_picture_px, check_size_px, stripes_that_tell
 from calibration.light.cross_check import CrossCheck, cross_check
 from calibration.light.separation import Separation, separate, separate_by_pattern
-from calibration.light.two_level import white_share
+from calibration.light.two_level import Footprint, white_share
 from calibration.radiometry.mosaic import Mosaic
 from calibration.structured_light.correspondence import Correspondence
-from calibration.structured_light.patterns import Pattern, checker_patterns, flat
+from calibration.structured_light.patterns import checker_patterns, flat
 from rig.capture.rig import Rig
 from rig.files.channels import layers
 from rig.plug_ins import find_code
@@ -124,38 +125,22 @@ def separate_light(rig: Rig, session: Session, step: Step, on_step: OnStep) -> N
     white = merge_raw_exposures(step, "white", of_white, radiometric)
     lamp = lamp_since(step, bracket, radiometric, (white, time_of(step, "white", of_white)))
     step.save_record("whites-of-separation", lamp)
-    names = [pattern.name for pattern in checkers]
+    names, codes = [pattern.name for pattern in checkers], [pattern.codes for pattern in checkers]
     frames = [_checker(step, name, bracket, radiometric, lamp=lamp) for name in _told(names, on_step)]
-    bright, known, spread = _separated(frames, checkers, white, load_correspondence(session))
-    crossed = _crossed(frames, checkers, load_correspondence(session), known=known, spread=spread)
+    grey, correspondence = [frame.mean(axis=-1) for frame in frames], load_correspondence(session)
+    spread = fit_point_spread(grey, codes, correspondence, _lit(white))
+    bright, known = _separated(frames, codes, white, correspondence, spread=spread)
+    finer = _finer(correspondence, known)
+    seen, direct = footprint_map(spread, finer), known.direct.mean(axis=-1)
+    crossed = cross_check(grey, codes, correspondence, seen=seen, direct=direct, usable=_lit_by(direct, known))
     if crossed is not None:
         _refuse_odd_pictures(crossed, names)
     _save(step, white, bright, known, mosaic=radiometric.mosaic)
-    blur = _blur_maps(spread, load_correspondence(session), known, radiometric.mosaic)
+    blur = _blur_maps(spread, finer, known, seen=seen, mosaic=radiometric.mosaic)
     step.save_image("blur", blur, folder="maps")
-    record = _record(spread, bright, known, checks=(size_px, blur_px))
     middle_percent = None if crossed is None else crossed.middle_percent
-    step.save_record("separation", replace(record, middle_percent=middle_percent))
-
-
-def _crossed(
-    frames: Sequence[Float32Array],
-    checkers: Sequence[Pattern],
-    correspondence: Correspondence,
-    *,
-    known: Separation,
-    spread: PointSpread,
-) -> CrossCheck | None:
-    """Hold the grey pictures of checks against the direct light that was made of them."""
-    direct = known.direct.mean(axis=-1)
-    return cross_check(
-        [frame.mean(axis=-1) for frame in frames],
-        [pattern.codes for pattern in checkers],
-        correspondence,
-        seen=footprint_map(spread, _finer(correspondence, known)),
-        direct=direct,
-        usable=_lit_by(direct, known),
-    )
+    record = _record(spread, bright, known, checks=(size_px, blur_px), middle_percent=middle_percent)
+    step.save_record("separation", record)
 
 
 def _refuse_odd_pictures(crossed: CrossCheck, names: Sequence[str]) -> None:
@@ -256,7 +241,12 @@ def _save(step: Step, white: LightImage, bright: Separation, known: Separation, 
 
 
 def _record(
-    spread: PointSpread, bright: Separation, known: Separation, *, checks: tuple[int, float | None]
+    spread: PointSpread,
+    bright: Separation,
+    known: Separation,
+    *,
+    checks: tuple[int, float | None],
+    middle_percent: float | None,
 ) -> SeparationRecord:
     extremes, direct = (found.direct.mean(axis=-1) for found in (bright, known))
     lit = _lit_by(direct, known)
@@ -268,6 +258,7 @@ def _record(
         checker_size_px=checks[0],
         stripes_blur_px=checks[1],
         blur_rms=spread.rms,
+        middle_percent=middle_percent,
     )
 
 
@@ -284,21 +275,19 @@ def _blur_record(blur: LensBlur, variance_sigma_px2: float) -> BlurRecord:
 
 
 def _blur_maps(
-    spread: PointSpread, correspondence: Correspondence, known: Separation, mosaic: Mosaic | None
+    spread: PointSpread, finer: Correspondence, known: Separation, *, seen: Footprint, mosaic: Mosaic | None
 ) -> dict[str, Float32Array]:
     """What each camera pixel sees of the projector picture: where, how wide, how much of white, how well separated."""
-    finer = _finer(correspondence, known)
-    if known.projector_xy_px is None or known.variance is None or known.place_variance_px2 is None:
-        raise ValueError("a separation by the known pattern has places and variances")
-    seen = footprint_map(spread, finer)
+    if known.variance is None or known.place_variance_px2 is None:
+        raise ValueError("a separation by the known pattern has variances")
     sigma = variance_sigma_map(spread, finer).astype(np.float32)
     variance = np.where(np.isfinite(known.variance), known.variance, 0.0).astype(np.float32)
     return {
-        "column": known.projector_xy_px[..., 0],
-        "row": known.projector_xy_px[..., 1],
+        "column": finer.projector_xy_px[..., 0],
+        "row": finer.projector_xy_px[..., 1],
         "variance_x": seen.variance_px2[..., 0].astype(np.float32),
         "variance_y": seen.variance_px2[..., 1].astype(np.float32),
-        "white_share": white_share(seen, correspondence.projector_shape).astype(np.float32),
+        "white_share": white_share(seen, finer.projector_shape).astype(np.float32),
         "variance_sigma_x": sigma[..., 0],
         "variance_sigma_y": sigma[..., 1],
         "place_variance": known.place_variance_px2,
@@ -307,12 +296,14 @@ def _blur_maps(
 
 
 def _separated(
-    frames: list[Float32Array], checkers: list[Pattern], white: LightImage, correspondence: Correspondence
-) -> tuple[Separation, Separation, PointSpread]:
-    """By the brightest and darkest frames, and by the known pattern, (H, W, B) each; and the blur of the pattern."""
-    codes = [pattern.codes for pattern in checkers]
-    grey = [frame.mean(axis=-1) for frame in frames]
-    spread = fit_point_spread(grey, codes, correspondence, _lit(white))
+    frames: list[Float32Array],
+    codes: list[Codes],
+    white: LightImage,
+    correspondence: Correspondence,
+    *,
+    spread: PointSpread,
+) -> tuple[Separation, Separation]:
+    """By the brightest and darkest frames, and by the known pattern, (H, W, B) each."""
     found = []
     for b in range(white.value.shape[-1]):
         band = [np.ascontiguousarray(frame[..., b]) for frame in frames]
@@ -320,7 +311,7 @@ def _separated(
         known = separate_by_pattern(band, codes, correspondence, white=white_b, spread=spread)
         found.append((separate(band, white=white_b), known))
     bright, known = (_joined(parts) for parts in zip(*found, strict=True))
-    return bright, known, spread
+    return bright, known
 
 
 def _lit(white: LightImage) -> BoolArray:

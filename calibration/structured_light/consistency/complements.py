@@ -32,7 +32,6 @@ light that flickers by some hundredths."""
 _MOST_UNLIKE = 0.05
 """Of the lit pixels: the picture before changes a fifth of them and more, where the camera resolves stripes; whoever
 walks through the picture, fewer."""
-
 _CHANGED, _EVERYWHERE = 0.1, 0.8
 """Of the contrast, and of the lit pixels: what light in the room or a gain changes, while the stripes stay. Of a wrong
 picture and its counterpart half is the same."""
@@ -72,13 +71,13 @@ def refuse_stale_frames(
     judged &= contrast > _STRONG * np.quantile(contrast[judged], 0.95)
     change = (lit + other - total)[:, judged] / contrast[judged]
     unlike = (np.abs(change) > _APART).mean(axis=1)
-    seen = (np.abs(lit - other) > _APART * contrast)[:, judged].mean(axis=1)
     worst = int(unlike.argmax())
     if unlike[worst] > _MOST_UNLIKE:
+        seen = float((np.abs(lit[worst] - other[worst]) > _APART * contrast)[judged].mean())
         one, inverse = pairs[worst]
         raise CalibrationError(
             f"{one} and {inverse} do not add up to what the other pairs do at {100 * unlike[worst]:.0f} % of the lit "
-            f"pixels (limit {100 * _MOST_UNLIKE:g} %): {_cause(change[worst], seen[worst], is_flat=one == 'white')}; "
+            f"pixels (limit {100 * _MOST_UNLIKE:g} %): {_cause(change[worst], seen, is_flat=one == 'white')}; "
             "keep lights, walls and devices as they are, and begin a new session"
         )
 

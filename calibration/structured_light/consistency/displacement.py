@@ -38,7 +38,7 @@ def shift_px(image: FloatArray, reference: FloatArray) -> tuple[float, float]:
     if image.size > _LARGE_PX:
         half_x, half_y = shift_px(_halved(image), _halved(reference))
         return 2 * half_x, 2 * half_y
-    window = np.asarray(cv2.createHanningWindow((image.shape[1], image.shape[0]), cv2.CV_64F), dtype=np.float64)
+    window = _window(image)
     # copies: OpenCV 5 multiplies what it is given by the window
     (x, y), _ = cv2.phaseCorrelate(reference.copy(), image.copy(), window.copy())
     found = np.array([x, y])
@@ -47,6 +47,11 @@ def shift_px(image: FloatArray, reference: FloatArray) -> tuple[float, float]:
         back = np.roll(image, (-whole[1], -whole[0]), axis=(0, 1))
         found = whole + _small_shift(back, reference, window)
     return float(found[0]), float(found[1])
+
+
+def _window(image: FloatArray) -> FloatArray:
+    """(H, W) weights that fall to 0 at the border."""
+    return np.asarray(cv2.createHanningWindow((image.shape[1], image.shape[0]), cv2.CV_64F), dtype=np.float64)
 
 
 def _halved(image: FloatArray) -> FloatArray:
@@ -91,7 +96,7 @@ def clear_shift_px(image: FloatArray, reference: FloatArray) -> tuple[float, flo
     if min(float(np.ptp(image)), float(np.ptp(reference))) == 0:
         return 0.0, 0.0
     x, y = shift_px(image, reference)
-    window = np.asarray(cv2.createHanningWindow((image.shape[1], image.shape[0]), cv2.CV_64F), dtype=np.float64)
+    window = _window(image)
     inside = window > _INSIDE
     there, here = (_of_unit_contrast(one, inside) for one in (image, reference))
     back = np.array([[1, 0, x], [0, 1, y]], dtype=np.float64)
