@@ -23,6 +23,8 @@ from random_rigs import rig_command
 PROFILE = Path(__file__).parents[2] / "hw_profiles" / "sim-furnished.toml"
 WORLDS = ("furnished", "cylinder", "dome", "relief", "l-room", "glossy", "gain-screen")
 
+SHOWN = ("--strategies", "none,bounded", "--loop", "none", "--only-target")
+
 
 def profile_of(world: str, photographs: int, seed: int) -> str:
     """Return sim-furnished's text for another world."""
@@ -38,11 +40,11 @@ def profile_of(world: str, photographs: int, seed: int) -> str:
     return text + (f"\n[transport]\nphotographs = {photographs}\n" if photographs else "")
 
 
-def line(world: str, answer: dict[str, Any]) -> str:
+def line(world: str, answer: dict[str, Any], shown: dict[str, Any]) -> str:
     """What a session in this world found, as a row."""
     compared, truth = answer["comparison"], answer["truth"]
-    shown = {name: found["measured"] for name, found in answer["strategies"].items()}
-    ratio = shown["bounded"]["mean"] / shown["none"]["mean_at_best_gain"]
+    measured = {row["strategy"]: row["measured"] for row in shown["pictures"][0]["rows"]}
+    ratio = measured["bounded"]["mean"] / measured["none"]["mean_at_best_gain"]
     surface = ", ".join(
         "-" if truth[key] is None else f"{truth[key]:.3f}" for key in ("surface_median_percent", "surface_p95_percent")
     )
@@ -71,8 +73,11 @@ def main() -> int:
             session = str(path.with_suffix(""))
             done = rig_command(["run", session, "-p", str(path), "--json", "--strategies", "none,bounded"])
             failed += done.status != 0
-            told = line(world, done.answer) if "comparison" in done.answer else f"| {world} | refused: {done.said} |"
-            print(told, flush=True)
+            if "comparison" not in done.answer:
+                print(f"| {world} | refused: {done.said} |", flush=True)
+                continue
+            shown = rig_command(["compare-strategies", session, *SHOWN, "--json"])
+            print(line(world, done.answer, shown.answer), flush=True)
     return 1 if failed else 0
 
 

@@ -185,11 +185,11 @@ def _moved(by_px: float, picture: Float32Array) -> Float32Array:
     return np.asarray(cv2.warpAffine(picture, matrix, (width, height), borderMode=cv2.BORDER_REPLICATE))
 
 
-def _passer_by(picture: Float32Array, frame: int, first: int) -> Float32Array:
-    """Somebody walks through the picture, for eight frames."""
-    if not first <= frame < first + 8:
+def _passer_by(picture: Float32Array, frame: int, first: int, frames: int) -> Float32Array:
+    """Somebody walks through the picture, for so many frames."""
+    if not first <= frame < first + frames:
         return picture
-    left = int((0.1 + 0.1 * (frame - first)) * picture.shape[1])
+    left = int((0.1 + 0.8 * (frame - first) / frames) * picture.shape[1])
     dark = picture.copy()
     dark[picture.shape[0] // 4 :, left : left + picture.shape[1] // 8] *= np.float32(0.3)
     return dark
@@ -273,7 +273,8 @@ CAMERAS |= {
         ("camera moved by 2 px", partial(_after, change=partial(_moved, 2.0), first=first)),
         ("camera moved by 0.3 px", partial(_after, change=partial(_moved, 0.3), first=first)),
         ("lights switched on", partial(_after, change=_brighter, first=first)),
-        ("passer-by", partial(_passer_by, first=first)),
+        ("passer-by", partial(_passer_by, first=first, frames=8)),
+        ("somebody who lingers", partial(_passer_by, first=first, frames=24)),
     )
 }
 NAMES = ("nothing", *PROJECTORS, *LAMPS, *LENSES, *CAMERAS)

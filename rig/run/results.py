@@ -10,7 +10,7 @@ from rig.run.expectations import expected_figures
 from rig.run.lamp import drift_left_percent, lamp_change
 from rig.run.steps import VERBS, Verb
 from rig.run.stillness import stillness_verdicts
-from rig.run.verdicts import edge_verdicts, room_light_verdicts, verdicts
+from rig.run.verdicts import checks_verdicts, room_light_verdicts, verdicts
 from rig.session import Session
 from rig.stages.comparison import load_comparison
 from rig.stages.compensation import load_compensation
@@ -69,7 +69,7 @@ def session_result(session: Session, truth: TruthErrors | None) -> SessionResult
     limits = (
         *verdicts(geometry, model, comparison, session.profile),
         *room_light_verdicts(load_exposure(session)),
-        *edge_verdicts(load_separation_record(session)),
+        *checks_verdicts(load_separation_record(session)),
         _lamp_verdict(session),
         *stillness_verdicts(session),
     )

@@ -9,6 +9,7 @@ from rig.profile.schema import Profile
 from rig.profile.tables import Limits
 from rig.records import Verdict
 from rig.stages.light.exposure import CameraExposure
+from rig.stages.light.odd_checks import in_words
 from rig.stages.results import GeometryResult, ModelComparison, ModelResult
 from rig.stages.separation import SeparationRecord
 from rig.stages.stripes.showing import focus_verdicts, out_of_focus
@@ -127,8 +128,27 @@ def room_light_verdicts(exposure: CameraExposure) -> tuple[Verdict, ...]:
     )
 
 
-def edge_verdicts(separation: SeparationRecord) -> tuple[Verdict, ...]:
-    """Return what light beside the edges of checks is judged by; nothing where checks are too small for a middle."""
+def checks_verdicts(separation: SeparationRecord) -> tuple[Verdict, ...]:
+    """Return what pictures of checks are judged by: light beside edges, where checks have a middle, and what is odd."""
+    return (*_beside_edges(separation), *_left_out(separation))
+
+
+def _left_out(separation: SeparationRecord) -> tuple[Verdict, ...]:
+    """Nothing where every picture is what the others make of it."""
+    if not separation.left_out:
+        return ()
+    return (
+        Verdict(
+            what="separation: pictures of checks left out",
+            value=len(separation.left_out),
+            advice=f"{in_words(separation.left_out)}: the others agree, and light was separated by them. Somebody or "
+            "something stood in the light, or light in the room changed, while these were photographed: stay away, and "
+            "keep the room dark",
+        ),
+    )
+
+
+def _beside_edges(separation: SeparationRecord) -> tuple[Verdict, ...]:
     if separation.middle_percent is None:
         return ()
     return (

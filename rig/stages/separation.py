@@ -9,7 +9,6 @@ from functools import partial
 import numpy as np
 
 from calibration.arrays import Codes
-from calibration.errors import CalibrationError
 from calibration.light.blur import LensBlur, PointSpread, fit_point_spread, footprint_map, variance_sigma_map
 from calibration.light.check_size import blur_of_picture_px, check_size_px, stripes_that_tell
 from calibration.light.cross_check import CrossCheck, cross_check
@@ -26,6 +25,7 @@ from rig.records import JsonObject, Record, json_of
 from rig.session import Session, Step
 from rig.stages.correspondence import load_correspondence
 from rig.stages.light.lamp import LampRecord, lamp_since, take_before_white, time_of, without_drift
+from rig.stages.light.odd_checks import are_few, in_words, odd_among, refuse_odd
 from rig.stages.light.repeats import WHITES, white_bracket
 from rig.stages.linear_light import (
     BoolArray,
@@ -41,10 +41,6 @@ from rig.terminal import OnStep
 
 _LIT_SHARE = 0.2
 """Of the median direct light: pixels above it tell how well the two ways to separate agree."""
-_MOST_OFF_PERCENT, _MOST_RMS_RATIO = 3.0, 2.5
-"""Of direct light, and times the middle picture of checks. On 13 random rigs pictures were off by at most 0.1 %, and
-left at most 1.1 times as much; with somebody in some of them 15 %, 5.6 times; with light switched on 6 to 10 %."""
-_LISTED = 4
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -77,6 +73,8 @@ class SeparationRecord(Record):
     middle_percent: float | None = None
     """Direct light by the middles of checks alone, less that by all frames, in per cent of it; None where checks have
     no middle, and in sessions of before it was looked for."""
+    left_out: tuple[str, ...] = ()
+    """Pictures of checks that are not what the others make of them."""
     extremes_over_known_pattern: float
     """Median direct light by the brightest and darkest frames over that by the known pattern."""
 
@@ -127,37 +125,61 @@ def separate_light(rig: Rig, session: Session, step: Step, on_step: OnStep) -> N
     step.save_record("whites-of-separation", lamp)
     names, codes = [pattern.name for pattern in checkers], [pattern.codes for pattern in checkers]
     frames = [_checker(step, name, bracket, radiometric, lamp=lamp) for name in _told(names, on_step)]
-    grey, correspondence = [frame.mean(axis=-1) for frame in frames], load_correspondence(session)
-    spread = fit_point_spread(grey, codes, correspondence, _lit(white))
-    bright, known = _separated(frames, codes, white, correspondence, spread=spread)
-    finer = _finer(correspondence, known)
-    seen, direct = footprint_map(spread, finer), known.direct.mean(axis=-1)
-    crossed = cross_check(grey, codes, correspondence, seen=seen, direct=direct, usable=_lit_by(direct, known))
-    if crossed is not None:
-        _refuse_odd_pictures(crossed, names)
-    _save(step, white, bright, known, mosaic=radiometric.mosaic)
-    blur = _blur_maps(spread, finer, known, seen=seen, mosaic=radiometric.mosaic)
-    step.save_image("blur", blur, folder="maps")
-    middle_percent = None if crossed is None else crossed.middle_percent
-    record = _record(spread, bright, known, checks=(size_px, blur_px), middle_percent=middle_percent)
-    step.save_record("separation", record)
+    checks, correspondence = _Checks(names, codes, frames), load_correspondence(session)
+    found, left_out = _without_odd(checks, white, correspondence, on_step)
+    _save(step, white, found.bright, found.known, mosaic=radiometric.mosaic)
+    step.save_image("blur", _blur_maps(found, mosaic=radiometric.mosaic), folder="maps")
+    step.save_record("separation", _record(found, checks=(size_px, blur_px), left_out=left_out))
 
 
-def _refuse_odd_pictures(crossed: CrossCheck, names: Sequence[str]) -> None:
-    odd = (np.abs(crossed.off_percent) > _MOST_OFF_PERCENT) | (crossed.rms_ratio > _MOST_RMS_RATIO)
+@dataclass(frozen=True, eq=False)
+class _Checks:
+    """Photographs of checks, by name: the codes that were shown, and (H, W, B) the light of each."""
+
+    names: Sequence[str]
+    codes: Sequence[Codes]
+    frames: Sequence[Float32Array]
+
+    def without(self, odd: BoolArray) -> _Checks:
+        """The others."""
+        kept = np.flatnonzero(~odd).tolist()
+        return _Checks([self.names[k] for k in kept], [self.codes[k] for k in kept], [self.frames[k] for k in kept])
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Separated:
+    """White split into direct and global light, and how well the pictures agree about it."""
+
+    spread: PointSpread
+    bright: Separation
+    """By the brightest and darkest frames ..."""
+    known: Separation
+    """... and by the known pattern; (H, W, B) each."""
+    finer: Correspondence
+    """With the places that the checks' edges tell."""
+    seen: Footprint
+    crossed: CrossCheck | None
+
+
+def _without_odd(
+    checks: _Checks, white: LightImage, correspondence: Correspondence, on_step: OnStep
+) -> tuple[_Separated, tuple[str, ...]]:
+    """Split white by all pictures, or by those that agree; with the names of the few that do not.
+
+    Raises CalibrationError where more than a few do not agree, or some of the others neither.
+    """
+    found = _separated(checks, white, correspondence)
+    odd = odd_among(found.crossed)
     if not odd.any():
-        return
-    worst = int(np.argmax(np.where(odd, np.abs(crossed.off_percent), 0.0)))
-    which = [name for name, is_odd in zip(names, odd, strict=True) if is_odd]
-    listed = ", ".join(which[:_LISTED]) + (f", and {len(which) - _LISTED} more" if len(which) > _LISTED else "")
-    raise CalibrationError(
-        f"{len(which)} of {len(names)} pictures of checks are not what the others make of them ({listed}): "
-        f"{names[worst]} is {crossed.off_percent[worst]:+.1f} % of direct light off (limit {_MOST_OFF_PERCENT:g} %), "
-        f"and leaves {crossed.rms_ratio[worst]:.1f} times as much as the middle one (limit {_MOST_RMS_RATIO:g}). "
-        "Somebody or something stood in the light or before the camera, light in the room was switched or let in, a "
-        "device moved, or the camera set its focus, zoom or gain by itself while they were photographed: keep "
-        "everything as it is, switch everything automatic off, and begin a new session"
-    )
+        return found, ()
+    if not are_few(odd):
+        refuse_odd(found.crossed, checks.names)
+    names = tuple(name for name, is_odd in zip(checks.names, odd, strict=True) if is_odd)
+    on_step(f"left out, for the others make something else of them: {in_words(names)}", 1, 1)
+    others = checks.without(odd)
+    found = _separated(others, white, correspondence)
+    refuse_odd(found.crossed, others.names)
+    return found, names
 
 
 def _finer(correspondence: Correspondence, known: Separation) -> Correspondence:
@@ -240,16 +262,9 @@ def _save(step: Step, white: LightImage, bright: Separation, known: Separation, 
     )
 
 
-def _record(
-    spread: PointSpread,
-    bright: Separation,
-    known: Separation,
-    *,
-    checks: tuple[int, float | None],
-    middle_percent: float | None,
-) -> SeparationRecord:
-    extremes, direct = (found.direct.mean(axis=-1) for found in (bright, known))
-    lit = _lit_by(direct, known)
+def _record(found: _Separated, *, checks: tuple[int, float | None], left_out: tuple[str, ...]) -> SeparationRecord:
+    extremes, direct = (part.direct.mean(axis=-1) for part in (found.bright, found.known))
+    lit, spread = _lit_by(direct, found.known), found.spread
     sigmas = np.sqrt(np.diag(spread.covariance))
     return SeparationRecord(
         extremes_over_known_pattern=float(np.median(extremes[lit] / direct[lit])),
@@ -258,7 +273,8 @@ def _record(
         checker_size_px=checks[0],
         stripes_blur_px=checks[1],
         blur_rms=spread.rms,
-        middle_percent=middle_percent,
+        middle_percent=None if found.crossed is None else found.crossed.middle_percent,
+        left_out=left_out,
     )
 
 
@@ -274,13 +290,12 @@ def _blur_record(blur: LensBlur, variance_sigma_px2: float) -> BlurRecord:
     )
 
 
-def _blur_maps(
-    spread: PointSpread, finer: Correspondence, known: Separation, *, seen: Footprint, mosaic: Mosaic | None
-) -> dict[str, Float32Array]:
+def _blur_maps(found: _Separated, *, mosaic: Mosaic | None) -> dict[str, Float32Array]:
     """What each camera pixel sees of the projector picture: where, how wide, how much of white, how well separated."""
+    known, finer, seen = found.known, found.finer, found.seen
     if known.variance is None or known.place_variance_px2 is None:
         raise ValueError("a separation by the known pattern has variances")
-    sigma = variance_sigma_map(spread, finer).astype(np.float32)
+    sigma = variance_sigma_map(found.spread, finer).astype(np.float32)
     variance = np.where(np.isfinite(known.variance), known.variance, 0.0).astype(np.float32)
     return {
         "column": finer.projector_xy_px[..., 0],
@@ -295,20 +310,26 @@ def _blur_maps(
     }
 
 
-def _separated(
-    frames: list[Float32Array],
-    codes: list[Codes],
-    white: LightImage,
-    correspondence: Correspondence,
-    *,
-    spread: PointSpread,
+def _separated(checks: _Checks, white: LightImage, correspondence: Correspondence) -> _Separated:
+    grey = [frame.mean(axis=-1) for frame in checks.frames]
+    spread = fit_point_spread(grey, checks.codes, correspondence, _lit(white))
+    bright, known = _split(checks, white, correspondence, spread=spread)
+    finer = _finer(correspondence, known)
+    seen, direct = footprint_map(spread, finer), known.direct.mean(axis=-1)
+    usable = _lit_by(direct, known)
+    crossed = cross_check(grey, checks.codes, correspondence, seen=seen, direct=direct, usable=usable)
+    return _Separated(spread=spread, bright=bright, known=known, finer=finer, seen=seen, crossed=crossed)
+
+
+def _split(
+    checks: _Checks, white: LightImage, correspondence: Correspondence, *, spread: PointSpread
 ) -> tuple[Separation, Separation]:
     """By the brightest and darkest frames, and by the known pattern, (H, W, B) each."""
     found = []
     for b in range(white.value.shape[-1]):
-        band = [np.ascontiguousarray(frame[..., b]) for frame in frames]
+        band = [np.ascontiguousarray(frame[..., b]) for frame in checks.frames]
         white_b = np.ascontiguousarray(white.value[..., b])
-        known = separate_by_pattern(band, codes, correspondence, white=white_b, spread=spread)
+        known = separate_by_pattern(band, checks.codes, correspondence, white=white_b, spread=spread)
         found.append((separate(band, white=white_b), known))
     bright, known = (_joined(parts) for parts in zip(*found, strict=True))
     return bright, known

@@ -3,6 +3,7 @@
 `benchmarks/calibration/meddling_devices.py` goes through forty such habits, this through a few.
 """
 
+import json
 import runpy
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -61,5 +62,17 @@ def test_a_camera_that_sinks_on_its_stand_is_told_by_its_whites(outcome: Outcome
     assert "standing still: displacement of white between two photographs: 1." in outcome("camera creeps")
 
 
-def test_somebody_who_walks_through_the_pictures_of_checks_is_named(outcome: Outcome) -> None:
-    assert "Somebody or something stood in the light" in outcome("passer-by at frame 135")
+def test_somebody_who_lingers_among_the_pictures_of_checks_is_named(outcome: Outcome) -> None:
+    assert "Somebody or something stood in the light" in outcome("somebody who lingers at frame 135")
+
+
+def test_pictures_of_checks_that_somebody_walked_through_are_left_out(
+    outcome: Outcome, tmp_path: Path
+) -> None:
+    assert "| within |" in outcome("passer-by at frame 135")
+    metrics = json.loads((tmp_path / "passer-by-at-frame-135" / "metrics.json").read_text("utf-8"))
+    row = next(row for row in metrics["limits"] if row["what"] == "separation: pictures of checks left out")
+    assert 2 <= row["value"] <= 5
+    assert "checker-" in row["advice"]
+    assert abs(metrics["truth"]["direct_bias_percent"]) < 0.5
+    assert abs(metrics["truth"]["global_bias_percent"]) < 0.5
