@@ -177,7 +177,9 @@ def close_loop(work: OpenSession, target: Target, loop: Loop, on_step: OnStep) -
         found, patterns = _closed(work, step, room, loop=loop, shot=shot, on_step=on_step)
         shown = ShownPictures(step=step, bracket=shot, radiometric=room.radiometric, patterns=patterns)
         # Before the loop is finished: one that is interrupted here has its pictures again when it goes on.
+        on_step("learn of the light from these photographs", 0, 1)
         keep_evidence(session, shown, target)
+        on_step("learn of the light from these photographs", 1, 1)
         step.save_record(step.name, found)
         step.finish()
     return step.load_record(step.name, ClosedLoop)

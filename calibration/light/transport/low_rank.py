@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import solve_triangular
+from scipy.linalg import eigh, solve_triangular
 
 from calibration.arrays import FloatArray
 
@@ -42,10 +42,12 @@ def low_rank(change: FloatArray, pictures: FloatArray, most: int) -> LowRank:
     root = np.linalg.cholesky(pictures)
     seen = change @ root
     # The smaller Gram matrix has the same directions, and is quicker than the whole decomposition.
-    values, vectors = np.linalg.eigh(seen.T @ seen)
+    gram = seen.T @ seen
+    most = min(most, len(gram))
+    values, vectors = eigh(gram, subset_by_index=(len(gram) - most, len(gram) - 1))
     values, vectors = np.maximum(values[::-1], 0.0), vectors[:, ::-1]
-    left_out = 1 - np.cumsum(values) / max(float(values.sum()), np.finfo(float).tiny)
-    count = min(int((left_out > _LOST).sum()) + 1, most, len(values))
+    left_out = 1 - np.cumsum(values) / max(float(np.trace(gram)), np.finfo(float).tiny)
+    count = min(int((left_out > _LOST).sum()) + 1, most)
     V = vectors[:, :count]
     by_patch = solve_triangular(root, V, lower=True, trans="T").T
     return LowRank(by_place=np.asarray(seen @ V), by_patch=np.asarray(by_patch))

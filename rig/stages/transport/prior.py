@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import eigh
 from scipy.sparse import csr_array
 
 from calibration.light.reflectance import ReflectanceSource
@@ -141,8 +142,9 @@ def _kernel(scene_model: SceneModel, patch: IntArray) -> FloatArray:
     apart = ((centres[:, None] - centres) ** 2).sum(axis=2) / size_m**2
     near, far = (np.exp(-apart / (2 * length**2)) for length in (_NEAR, _FAR))
     covariance = 0.25 * (near + far) * (1 + normals @ normals.T)
-    values, vectors = np.linalg.eigh(covariance)
-    kept = np.flatnonzero(values > _LEAST_KERNEL * values[-1])[::-1][:_MOST_KERNEL]
+    most = min(_MOST_KERNEL, len(covariance))
+    values, vectors = eigh(covariance, subset_by_index=(len(covariance) - most, len(covariance) - 1))
+    kept = np.flatnonzero(values > _LEAST_KERNEL * values[-1])[::-1]
     return np.asarray(vectors[:, kept] * np.sqrt(values[kept]))
 
 
@@ -163,13 +165,15 @@ def _open_directions(
     arriving = transport.radiosity.gather(sent) / np.maximum(rho, np.finfo(float).tiny)[:, None]
     left, right = [], []
     for wall in range(len(scene_model.walls)):
-        chosen = unseen & (scene_model.scene.region == wall)
-        if chosen.any():
-            change = view @ transport.radiosity.solve(np.where(chosen[:, None], arriving, 0.0))
-            values, vectors = np.linalg.eigh(change.T @ change)
-            directions = vectors[:, np.argsort(values)[::-1][:_OF_A_WALL]]
-            left.append(open_walls.sigma * np.asarray(change @ directions))
-            right.append(directions.T)
+        chosen = np.flatnonzero(unseen & (scene_model.scene.region == wall))
+        if chosen.size:
+            # By light of each of the wall's patches: these are fewer than the lit ones.
+            light = np.zeros((len(rho), len(chosen)))
+            light[chosen, np.arange(len(chosen))] = 1.0
+            seen = view @ transport.radiosity.solve(light)
+            _, _, ways = np.linalg.svd(np.linalg.qr(seen, mode="r") @ arriving[chosen], full_matrices=False)
+            left.append(open_walls.sigma * np.asarray(seen @ (arriving[chosen] @ ways[:_OF_A_WALL].T)))
+            right.append(ways[:_OF_A_WALL])
     n_lit = sent.shape[1]
     return np.concatenate([np.zeros((view.shape[0], 0)), *left], axis=1), np.concatenate(
         [np.zeros((0, n_lit)), *right], axis=0

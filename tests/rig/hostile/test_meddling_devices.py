@@ -66,9 +66,7 @@ def test_somebody_who_lingers_among_the_pictures_of_checks_is_named(outcome: Out
     assert "Somebody or something stood in the light" in outcome("somebody who lingers at frame 135")
 
 
-def test_pictures_of_checks_that_somebody_walked_through_are_left_out(
-    outcome: Outcome, tmp_path: Path
-) -> None:
+def test_pictures_of_checks_that_somebody_walked_through_are_left_out(outcome: Outcome, tmp_path: Path) -> None:
     assert "| within |" in outcome("passer-by at frame 135")
     metrics = json.loads((tmp_path / "passer-by-at-frame-135" / "metrics.json").read_text("utf-8"))
     row = next(row for row in metrics["limits"] if row["what"] == "separation: pictures of checks left out")
