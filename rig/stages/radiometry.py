@@ -27,6 +27,7 @@ from rig.records import JsonObject, Record, json_of
 from rig.session import Session, Step
 from rig.stages.light.exposure import load_exposure, reference_exposure_s
 from rig.stages.light.lamp import N_WHITES, lamp_around, take_between_whites, time_of, without_drift
+from rig.stages.light.levels import light_of_levels, refuse_disturbed_sweeps
 from rig.stages.linear_light import (
     BLACK_REPEATS,
     Float32Array,
@@ -164,11 +165,14 @@ def measure_responses(rig: Rig, session: Session, step: Step, on_step: OnStep) -
     mixing = _fit_mixing([merge_exposures(step, pattern.name, bracket, radiometric) for pattern in colours], white, lit)
     lamp = lamp_around(step, bracket, radiometric, (white, time_of(step, "level-255", bracket)))
     step.save_record("whites-of-response", lamp)
-    sums = {}
-    for code in levels:
-        name = f"level-{code:03d}"
+    names = {f"level-{code:03d}": code for code in levels}
+
+    def light_of(name: str) -> LightImage:
         image = merge_exposures(step, name, bracket, radiometric)
-        sums[code] = _sums(without_drift(image, lamp.at(time_of(step, name, bracket))), lit)
+        return without_drift(image, lamp.at(time_of(step, name, bracket)))
+
+    light = light_of_levels({name: partial(light_of, name) for name in names}, white, lit)
+    sums = {code: light[name] for name, code in names.items()}
     radiometric = replace(radiometric, mixing=mixing.matrix, balance=_balance(white, lit))
     noise_share = _noise_share(white, lit, bracket.repeats)
     _save(step, rig.profile, replace(radiometric, projector=_responses(sums, mixing)), mixing, noise_share=noise_share)
@@ -248,6 +252,8 @@ def _fit_camera(
     black = fit_black_level(dark.mean(axis=1), exposures)
     levels, exposures = _sweep_samples(step, _SWEEPS, sweep, stride)
     above, top = levels - black.offset_dn, camera.full_scale_dn - black.offset_dn
+    places = [len(range(0, n, stride)) for n in shape[:2]]
+    refuse_disturbed_sweeps(above.mean(axis=1).reshape(len(above), *places, -1).mean(axis=-1), exposures, top)
     room = LightBesides(dark=dark[-1].mean(axis=0) - black.offset_dn, in_step=black.in_step)
     response = fit_camera_response(above.mean(axis=1), exposures, top, room=room)
     noise = fit_camera_noise(above[:, 0], exposures, response)
@@ -329,12 +335,6 @@ def _responses(sums: dict[int, FloatArray], mixing: Mixing) -> tuple[Response, .
     """Global light scales with the code's light as direct light does, so every lit pixel is a witness."""
     codes = np.array(sorted(sums))
     return fit_channel_responses(codes, np.array([sums[code] / sums[255] for code in codes]), mixing.matrix)
-
-
-def _sums(image: LightImage, lit: BoolArray) -> FloatArray:
-    """(B,) light of all lit pixels together."""
-    bands = np.moveaxis(image.value, -1, 0)
-    return np.array([band[lit].astype(np.float64).sum() for band in bands])
 
 
 def _save(

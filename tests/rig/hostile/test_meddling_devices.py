@@ -74,3 +74,10 @@ def test_pictures_of_checks_that_somebody_walked_through_are_left_out(outcome: O
     assert "checker-" in row["advice"]
     assert abs(metrics["truth"]["direct_bias_percent"]) < 0.5
     assert abs(metrics["truth"]["global_bias_percent"]) < 0.5
+
+
+def test_somebody_who_walks_through_the_projectors_levels_is_named(outcome: Outcome) -> None:
+    said = outcome("passer-by at frame 45")
+    assert "refused (1): projector response" in said
+    assert "level-128" in said
+    assert "Somebody or something stood in the light" in said

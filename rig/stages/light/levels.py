@@ -1,0 +1,99 @@
+"""The light of flat pictures of the projector's levels, and whether something else than the projector changed it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+import numpy as np
+
+from calibration.arrays import BoolArray, FloatArray
+from calibration.errors import CalibrationError
+from calibration.light.evenness import disturbed, part_shares, unevenness
+from rig.stages.linear_light import LightImage
+
+_BRIGHT, _CLIPPED = 0.3, 0.97
+"""Of the brightest level of a frame, and of full scale: pixels between tell whether two frames are alike."""
+_SOMEBODY = (
+    "Somebody or something stood in the light or before the camera, or light in the room was switched or let in, while "
+    "they were photographed: keep everything as it is, and begin a new session"
+)
+
+
+def light_of_levels(
+    pictures: Mapping[str, Callable[[], LightImage]], white: LightImage, lit: BoolArray
+) -> dict[str, FloatArray]:
+    """Return the light of all lit pixels together in each picture of a level, (B,).
+
+    Parameters
+    ----------
+    pictures
+        What loads each, by name.
+    white
+        Of the projector, (H, W, B).
+    lit : (H, W)
+        Pixels whose light tells the projector's curve.
+
+    Raises
+    ------
+    CalibrationError
+        Where parts of some pictures are brighter or darker than the rest makes of them.
+    """
+    sums, shares, grey = {}, {}, white.value.mean(axis=-1)
+    for name, load in pictures.items():
+        light = load().value
+        sums[name] = light[lit].sum(axis=0, dtype=np.float64)
+        shares[name] = part_shares(light.mean(axis=-1), grey, lit)
+    _refuse_disturbed(tuple(shares), np.array(list(shares.values())))
+    return sums
+
+
+def refuse_disturbed_sweeps(levels: FloatArray, exposures_s: FloatArray, full_scale_dn: float) -> None:
+    """Refuse two sweeps of exposures over projector white of which one has parts that the other has not.
+
+    Parameters
+    ----------
+    levels : (F, H, W)
+        Digital numbers above black, (H, W) places of the picture; frame 2k and 2k + 1 have the same exposure.
+    exposures_s : (F,)
+    full_scale_dn : float
+        Above black.
+
+    Raises
+    ------
+    CalibrationError
+        With the exposure, by how much parts differ, and what to do.
+    """
+    above = np.maximum(levels, 0.0)
+    for there, back, exposure_s in zip(above[::2], above[1::2], exposures_s[::2], strict=True):
+        brighter = np.maximum(there, back)
+        lit = (brighter > _BRIGHT * brighter.max()) & (brighter < _CLIPPED * full_scale_dn)
+        if lit.any():
+            share = part_shares(back.astype(np.float32), (there + back).astype(np.float32), lit)
+            _refuse_disturbed_pair(share, float(unevenness(share[None])[0]), float(exposure_s))
+
+
+def _refuse_disturbed_pair(share: FloatArray, uneven: float, exposure_s: float) -> None:
+    if abs(uneven) <= 1:
+        return
+    there = float(share.min() if uneven < 0 else share.max())
+    raise CalibrationError(
+        f"camera response: of two photographs of white, both exposed for {1000 * exposure_s:.2f} ms, the second has "
+        f"{100 * there:.0f} % of the level of both in one part of the picture, and {100 * np.median(share):.0f} % in "
+        f"most, {abs(uneven):.1f} times what is allowed. {_SOMEBODY}"
+    )
+
+
+def _refuse_disturbed(names: tuple[str, ...], shares: FloatArray) -> None:
+    uneven = unevenness(shares)
+    odd = disturbed(uneven)
+    if not len(odd):
+        return
+    worst = odd[np.argmax(np.abs(uneven[odd]))]
+    middle = float(np.median(shares[worst]))
+    there = float(shares[worst].min() if uneven[worst] < 0 else shares[worst].max())
+    raise CalibrationError(
+        f"projector response: {len(odd)} of {len(names)} pictures of one level are not as bright a share of white "
+        f"everywhere ({', '.join(names[k] for k in odd)}): part of {names[worst]} has {100 * there:.1f} % of white's "
+        f"light where the whole picture has {100 * middle:.1f} %, {abs(uneven[worst]):.1f} times what is allowed. "
+        f"{_SOMEBODY}"
+    )
