@@ -88,11 +88,11 @@ def hold_against_all(
     free = adjust(a, b, rough.with_planes(rough.planes), nominal, rounds=rounds, weight=weight[:_SOME])
     check_flat(free or rough, a if free else x1)
     check_no_facets(free or rough, *((a, b) if free else (x1, x2)))
-    if free is not None:
-        _check_angles(rough, free)
+    angle_sigmas = None if free is None else _check_angles(rough, free)
     variance = observation_variance(rough.fit, x1[rough.used], rough.fit_label, x2[rough.used])
     rounds = Rounds(limits_px=(1.0,), iterations=10, variance_px2=variance, margin_share=margin_share)
-    final = _before_held_planes(x1, x2, rough, nominal, rounds=rounds, weight=weight)
+    fit = _before_held_planes(x1, x2, rough, nominal, rounds=rounds, weight=weight)
+    final = replace(fit, right_angle_sigmas=angle_sigmas)
     check_data_sheets(final, np.sqrt(np.diag(final.covariance)))
     check_determined(final, final.covariance)
     check_none_left_out(final, x1, x2)
@@ -120,13 +120,13 @@ def _before_held_planes(
     return adjust(x1, x2, fit.with_planes(fit.planes[stays], axes), nominal, rounds=rounds, weight=weight) or fit
 
 
-def _check_angles(rough: BundleSolution, free: BundleSolution) -> None:
-    """Hold right angles, as far as the fit has any, against a fit of the same points that has none."""
+def _check_angles(rough: BundleSolution, free: BundleSolution) -> float | None:
+    """Hold right angles, as far as the fit has any, against a fit of the same points that has none; in sigmas."""
     if (rough.axes.of_plane < 0).all():
-        return
+        return None
     variance = observation_variance(free.fit, free.error.x1, free.fit_label)
     held = refit(replace(free.error, axes=rough.axes), rough, variance)
-    check_right_angles(held, refit(free.error, held.with_planes(held.planes), variance))
+    return check_right_angles(held, refit(free.error, held.with_planes(held.planes), variance))
 
 
 def check_one_surface(solution: BundleSolution, x1: FloatArray, x2: FloatArray) -> None:
@@ -245,7 +245,7 @@ def angles_of(free: BundleSolution, pairs: Sequence[tuple[int, int]]) -> list[An
     ]
 
 
-def check_right_angles(held: BundleSolution, free: BundleSolution) -> None:
+def check_right_angles(held: BundleSolution, free: BundleSolution) -> float:
     """Refuse right angles that the points and the data sheets contradict.
 
     Both fits are of the same points. What the fit without right angles explains better, in units of an independent
@@ -258,6 +258,11 @@ def check_right_angles(held: BundleSolution, free: BundleSolution) -> None:
     held, free : BundleSolution
         Fits with right angles and without.
 
+    Returns
+    -------
+    float
+        Standard deviations, at most 4; of thirty random rooms -2 to 1.4.
+
     Raises
     ------
     CalibrationError
@@ -267,7 +272,7 @@ def check_right_angles(held: BundleSolution, free: BundleSolution) -> None:
     gain = (held.fit.cost - free.fit.cost) / variance
     sigmas = normal_deviate(gain, angles_held(held.axes))
     if sigmas <= SIGMAS:
-        return
+        return sigmas
     if _is_one_data_sheet(held):
         check_data_sheets(held, np.sqrt(np.diag(held.covariance)))
     on_axes = np.flatnonzero(held.axes.of_plane >= 0).tolist()

@@ -54,6 +54,8 @@ class BundleSolution(PlanarScene):
     error: LandingError
     bend: FloatArray | float = 0.0
     """(n, n) mean square by which the unknowns leave their tangent where they are free to move far."""
+    right_angle_sigmas: float | None = None
+    """By how much a fit without right angles explains the points better; None where there is no such fit."""
 
     @cached_property
     def covariance(self) -> FloatArray:

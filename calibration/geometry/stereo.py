@@ -86,6 +86,8 @@ class StereoCalibration:
     """Of everything together; None of a calibration that was not fitted."""
     notes: str = ""
     """What it rests on beside the points, in words."""
+    right_angle_sigmas: float | None = None
+    """By how much the points and the data sheets speak against right angles; None where none were taken."""
 
     @property
     def baseline(self) -> float:
@@ -252,7 +254,8 @@ def _calibrated(
     resting = with_third_wall(final, points, nominal, n_fitted=fitted)
     resting = likelier_depths(final, resting, points, nominal, n_fitted=fitted)
     report(3, 3)
-    return _finished(resting.solution, resting.points.camera_xy_px, resting.points.projector_xy_px, nominal)
+    found = _finished(resting.solution, resting.points.camera_xy_px, resting.points.projector_xy_px, nominal)
+    return replace(found, right_angle_sigmas=final.right_angle_sigmas)
 
 
 def _scaled(stereo: StereoCalibration, factor: float) -> StereoCalibration:

@@ -61,6 +61,9 @@ WORDS: Mapping[str, str] = {
     "geometry: what the least certain length or place is off by, once in a hundred": (
         "2.58 of its standard deviations: so much, or more, in one rig of a hundred that state these."
     ),
+    "geometry: what points and fields of view say against right angles": (
+        "A fit without right angles explains them better by so many standard deviations; 4 are refused."
+    ),
     "geometry: what the least certain length or place is off by, if walls are 0.3° askew": (
         "Right angles that the profile promises are taken as exact; this is what rests on them, beside the uncertainty."
     ),

@@ -7,18 +7,12 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.structured_light.consistency.map_noise import NOISE_PART_PX, SHARED_PX, map_noise_px, most_left_px
 from rig.session import Session
 from rig.stages.correspondence import load_correspondence
 from rig.stages.results import ExpectedFigure, GeometryResult, ModelComparison, StrategyResult
 from rig.stages.stripes.showing import out_of_focus
 
-_MOST_SPREAD, _SHARED_PX = 1.25, 0.06
-"""Of a fit's residual over the noise of its data; beside it, what whole parts of a map are off together. In ten
-sessions on random rigs, with geometry within 3 sigmas, and fourteen on ci-tiny up to 0.062 px was left beside the
-noise. There is no least: points that are less certain than most count less in a fit than in the noise."""
-_PART_PX = 16
-"""Of the picture: much larger than a stripe's width, over which the errors of neighbours go together, much smaller than
-a wall."""
 _GAUSSIAN = 0.997
 """Share of a normal distribution within three standard deviations."""
 _LEAST_WITHIN = 0.93
@@ -63,39 +57,14 @@ def _reprojection(geometry: GeometryResult, projector_xy_px: NDArray[np.floating
         what="reprojection error of the projector, rms",
         value=geometry.projector_rms_px,
         low=0.0,
-        high=float(np.hypot(_MOST_SPREAD * noise_px, _SHARED_PX)),
+        high=most_left_px(noise_px),
         unit="px",
-        because=f"the correspondence map is rough by {noise_px:.3f} px within parts of {_PART_PX} px, and may be off "
-        f"by {_SHARED_PX:g} px over more of a wall",
+        because=f"the correspondence map is rough by {noise_px:.3f} px within parts of {NOISE_PART_PX} px, and may be "
+        f"off by {SHARED_PX:g} px over more of a wall",
         raised_by="surfaces that are not flat, things that moved, a lens with more distortion than the model has",
         remedy=out_of_focus(geometry.stripes_times)
         or "look at the residuals on the page: speckle is noise, structure is a wrong model; recalibrate the lens",
     )
-
-
-def map_noise_px(projector_xy_px: NDArray[np.floating]) -> float:
-    """Return the noise in pixels of a correspondence map (H, W, 2), both coordinates together.
-
-    Where a surface has no edge, the map of a small part of the picture is a quadratic but for its noise. The median
-    over such parts tells it, which edges do not move.
-    """
-    parts = _whole_parts(np.asarray(projector_xy_px, dtype=np.float64))
-    if not len(parts):
-        return float("nan")
-    y, x = (2 * np.mgrid[0:_PART_PX, 0:_PART_PX] / (_PART_PX - 1) - 1).reshape(2, -1)
-    terms = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=1)
-    fitted, _ = np.linalg.qr(terms)
-    left = parts - fitted @ (fitted.T @ parts)
-    squares = (left**2).sum(axis=(1, 2)) / (len(x) - terms.shape[1])
-    return float(np.sqrt(np.median(squares)))
-
-
-def _whole_parts(xy: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(N, pixels, 2) square parts of the map in which every pixel has a partner."""
-    rows, columns = (n // _PART_PX for n in xy.shape[:2])
-    cut = xy[: rows * _PART_PX, : columns * _PART_PX].reshape((rows, _PART_PX, columns, _PART_PX, 2))
-    parts = cut.swapaxes(1, 2).reshape(rows * columns, _PART_PX**2, 2)
-    return np.asarray(parts[np.isfinite(parts).all(axis=(1, 2))])
 
 
 def _model_error(comparison: ModelComparison) -> ExpectedFigure:

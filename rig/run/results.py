@@ -101,6 +101,7 @@ def _geometry(session: Session, *, is_separated: bool) -> GeometryResult:
         faces_seen=record.surface.seen,
         room_notes=record.surface.notes,
         sigmas=record.sigmas,
+        right_angle_sigmas=record.right_angle_sigmas,
         askew_sigmas=record.askew_sigmas,
         valid_share=_valid_share(session) if is_separated else None,
         stripes_times=figures.stripes_times,

@@ -10,12 +10,14 @@ from numpy.typing import NDArray
 
 from calibration.errors import CalibrationError
 from calibration.geometry.contradictions import MOST_DISTANCE_SIGMA
+from calibration.geometry.flat.misfit import check_walls_fit
 from calibration.geometry.known.lengths import Figures, TapedCalibration
 from calibration.geometry.known.tape import check_against_tape, check_lens_height
 from calibration.geometry.noise import plus_minus
 from calibration.geometry.pinhole import PinholeModel, vector_of
 from calibration.geometry.room import RoomBox, room_from_stereo
 from calibration.geometry.stereo import StereoCalibration, calibrate_stereo, scale_from_baseline, scale_from_spots
+from calibration.structured_light.consistency.map_noise import map_noise_px, most_left_px
 from calibration.structured_light.correspondence import Correspondence
 from calibration.structured_light.subpixel import WINDOW_VARIANCE_PX2
 from rig.profile.lenses import lens_settings, nominal_lenses
@@ -114,6 +116,8 @@ class GeometryRecord(Record):
     Positions of the devices are those in the room; `relative` is the projector in the camera's frame, `surface` the
     distance of a measured wall from the projector. What was guessed, because no wall along an axis was seen, has none.
     """
+    right_angle_sigmas: float | None = None
+    """By how much the points and the data sheets speak against right angles; None where none were taken."""
     askew_sigmas: Mapping[str, float] | None = None
     """By the same names, what of poses and lengths would be off, were each wall that is taken to be square off by 0.3
     degrees; None where no right angle was taken for granted, and of sessions of older versions."""
@@ -185,6 +189,7 @@ def geometry_of(
     taped = _held_to_tape(TapedCalibration.apart(pair, _TAPES), profile)
     room = _room(taped.pair, profile, taped.tape_errors)
     sigmas = _sigmas(taped, profile, room)
+    check_walls_fit(room.pair, most_left_px(map_noise_px(correspondence.projector_xy_px)))
     check_devices_placed(room.box, sigmas, room.pair.baseline)
     askew = _askew_sigmas(taped, profile, room) if any(axis >= 0 for axis in taped.pair.axes) else None
     return _record(profile, room, {**taped.pair.sigmas, **sigmas}, askew)
@@ -351,6 +356,7 @@ def _record(
         rms_px=pair.rms_px,
         inlier_share=pair.inlier_share,
         sigmas=sigmas,
+        right_angle_sigmas=pair.right_angle_sigmas,
         askew_sigmas=askew,
     )
 

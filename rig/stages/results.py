@@ -40,6 +40,8 @@ class GeometryResult(Record):
     """What was assumed of the room, in words."""
     sigmas: Mapping[str, float]
     """Standard deviations: lens terms [px or 1]; what ends in _m or _deg, of poses and lengths, in that unit."""
+    right_angle_sigmas: float | None = None
+    """By how much the points and the data sheets speak against right angles; None where none were taken."""
     askew_sigmas: Mapping[str, float] | None = None
     """What of poses and lengths would be off, were each wall that is taken to be square off by 0.3 degrees; None where
     no right angle was taken for granted."""

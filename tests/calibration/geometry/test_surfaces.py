@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from calibration.errors import CalibrationError
+from calibration.geometry.flat.misfit import MOST_MISFIT_M, check_walls_fit, misfit_at_walls_m
 from calibration.geometry.known.tape import check_against_tape
-from calibration.geometry.pinhole import PinholeModel
+from calibration.geometry.pinhole import PinholeModel, project
 from calibration.geometry.planes import (
     ExplainedPixels,
     ViewedPoints,
@@ -325,3 +326,37 @@ def test_the_third_wall_of_a_flattened_corner_is_tried_on_the_axis_that_is_left(
 def test_walls_that_all_fit_leave_nothing_to_try() -> None:
     planes = np.eye(3)
     assert len(axis_hypotheses(planes, orthogonal_axes(planes))) == 1
+
+
+def lit_wall(room, rms_px):
+    """One wall, lit by a grid of the projector's pixels, from which the points are so far off."""
+    pair = true_pair(room, ("x1", "floor"))
+    height, width = room.projector.shape
+    xy_px = np.stack(np.meshgrid(np.linspace(0.3, 0.7, 9) * width, np.linspace(0.3, 0.6, 9) * height), -1).reshape(
+        -1, 2
+    )
+    explained = ExplainedPixels(projector_xy_px=xy_px, plane=np.zeros(len(xy_px), dtype=np.int64))
+    return replace(pair, explained=explained, projector_rms_px=rms_px)
+
+
+def test_a_residual_in_pixels_is_told_as_the_distance_by_which_the_wall_would_be_off(room):
+    pair, by_m = lit_wall(room, 1.0), 0.02
+    points, wall = lit_points(pair), pair.planes[0]
+    moved = wall / (1 + by_m * np.linalg.norm(wall))
+    there = points / (points @ moved)[:, None]
+    off_px = np.median(np.linalg.norm(project(pair.projector, there) - project(pair.projector, points), axis=1))
+    assert misfit_at_walls_m(replace(pair, projector_rms_px=float(off_px))) == pytest.approx(by_m, rel=0.1)
+
+
+def test_points_that_leave_walls_by_more_than_noise_and_plaster_are_refused_with_both_figures(room):
+    rms_px = 3 * MOST_MISFIT_M / misfit_at_walls_m(lit_wall(room, 1.0))
+    with pytest.raises(
+        CalibrationError, match=r"times what their noise explains \(limit 3\); .* 45 mm \(limit 15 mm\)"
+    ):
+        check_walls_fit(lit_wall(room, rms_px), rms_px / 4)
+
+
+@pytest.mark.parametrize(("misfits", "noises"), [(0.9, 10.0), (3.0, 2.9), (3.0, np.nan)])
+def test_rough_walls_and_noisy_maps_are_no_reason_to_refuse(room, misfits, noises):
+    rms_px = misfits * MOST_MISFIT_M / misfit_at_walls_m(lit_wall(room, 1.0))
+    check_walls_fit(lit_wall(room, rms_px), rms_px / noises)

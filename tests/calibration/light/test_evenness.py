@@ -42,7 +42,7 @@ def test_what_stands_in_the_light_of_one_picture_is_found_with_its_sign(level: i
 
 def test_light_that_comes_on_is_found_where_walls_are_dark() -> None:
     levels, white = pictures()
-    levels[2] += np.float32(0.1)
+    levels[2] += np.float32(0.2)
     assert disturbed(found(levels, white)).tolist() == [2]
 
 

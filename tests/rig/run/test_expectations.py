@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from rig.run.expectations import map_noise_px
+from calibration.structured_light.consistency.map_noise import map_noise_px
 from tests.rig.conftest import Finished
 
 

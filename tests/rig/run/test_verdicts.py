@@ -137,6 +137,21 @@ def test_what_rests_on_right_angles_is_told_without_a_limit(tiny_profile: Profil
     assert not any("askew" in row.what for row in geometry_verdicts(GEOMETRY, tiny_profile.limits))
 
 
+@pytest.mark.parametrize(("sigmas", "value", "met"), [(-1.5, 0.0, True), (2.9, 2.9, True), (3.4, 3.4, False)])
+def test_what_points_say_against_right_angles_is_judged(
+    tiny_profile: Profile, sigmas: float, value: float, met: bool
+) -> None:
+    """Corners of 93 to 96 degrees ended within every other limit, up to a tenth of the room off."""
+    rows = geometry_verdicts(replace(GEOMETRY, right_angle_sigmas=sigmas), tiny_profile.limits)
+    row = next(row for row in rows if "against right angles" in row.what)
+    assert (row.value, row.met) == (value, met)
+    assert "hfov_deg" in row.advice
+
+
+def test_where_no_right_angle_was_taken_nothing_is_said_against_them(tiny_profile: Profile) -> None:
+    assert not any("against right angles" in row.what for row in geometry_verdicts(GEOMETRY, tiny_profile.limits))
+
+
 def model_of(*placed: PlacedByLight) -> ModelResult:
     return cast("ModelResult", SimpleNamespace(placed=placed, global_rms=0.01, learned=None))
 
