@@ -362,7 +362,7 @@ def _refuse_changes(groups: LightGroups, found: _Solution) -> None:
         raise CalibrationError(
             f"camera response: light changes by {100 * found.light_change:.0f} % (rms) between frames of one picture, "
             f"the limit is {100 * _MOST_CHANGE:g} %: the camera's automatic exposure or gain is on, exposures that it "
-            "tells are wrong, or a lamp flickers; switch it off"
+            "tells are wrong, a lamp flickers, or light in the room was switched meanwhile; switch it off"
         )
 
 
