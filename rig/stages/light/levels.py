@@ -6,13 +6,15 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
-from calibration.arrays import BoolArray, FloatArray
+from calibration.arrays import BoolArray, Float32Array, FloatArray
 from calibration.errors import CalibrationError
 from calibration.light.evenness import disturbed, part_shares, unevenness
 from rig.stages.linear_light import LightImage
 
 _BRIGHT, _CLIPPED = 0.3, 0.97
 """Of the brightest level of a frame, and of full scale: pixels between tell whether two frames are alike."""
+_LEAST_SHARE = 0.02
+"""Of white: of less light rows tell nothing but noise, and no part can be off by what is allowed."""
 _SOMEBODY = (
     "Somebody or something stood in the light or before the camera, or light in the room was switched or let in, while "
     "they were photographed: keep everything as it is, and begin a new session"
@@ -42,7 +44,7 @@ def light_of_levels(
     for name, load in pictures.items():
         light = load().value
         sums[name] = light[lit].sum(axis=0, dtype=np.float64)
-        shares[name] = part_shares(light.mean(axis=-1), grey, lit)
+        shares[name] = part_shares(_without_bands(light.mean(axis=-1), grey, lit), grey, lit)
     _refuse_disturbed(tuple(shares), np.array(list(shares.values())))
     return sums
 
@@ -68,8 +70,18 @@ def refuse_disturbed_sweeps(levels: FloatArray, exposures_s: FloatArray, full_sc
         brighter = np.maximum(there, back)
         lit = (brighter > _BRIGHT * brighter.max()) & (brighter < _CLIPPED * full_scale_dn)
         if lit.any():
-            share = part_shares(back.astype(np.float32), (there + back).astype(np.float32), lit)
+            both = there + back
+            share = part_shares(_without_bands(back, both, lit), both.astype(np.float32), lit)
             _refuse_disturbed_pair(share, float(unevenness(share[None])[0]), float(exposure_s))
+
+
+def _without_bands(light: FloatArray | Float32Array, white: FloatArray | Float32Array, lit: BoolArray) -> Float32Array:
+    """The light, had each row as large a share of white as most: a rolling shutter sees a projector pulse in bands."""
+    level, usual = light.astype(np.float64), float(np.median(light[lit] / white[lit]))
+    for row in np.flatnonzero(lit.any(axis=1)) if usual > _LEAST_SHARE else ():
+        share = float(np.median(light[row, lit[row]] / white[row, lit[row]]))
+        level[row] *= usual / max(share, _LEAST_SHARE)
+    return level.astype(np.float32)
 
 
 def _refuse_disturbed_pair(share: FloatArray, uneven: float, exposure_s: float) -> None:
