@@ -41,8 +41,8 @@ OfCodes = Callable[[Codes], Codes]
 OfLight = Callable[[Float32Array], Float32Array]
 OfLevels = Callable[[Levels, int, float], Levels]
 """Of a camera's levels, the frame's number and full scale."""
-EVENTS = (45, 75, 105, 135)
-"""Frames before something happens: on ci-tiny among the levels, the stripes, before the checks, among them."""
+EVENTS = (28, 45, 75, 105, 135)
+"""Frames before something happens: on ci-tiny among sweeps, levels and stripes, before and among the checks."""
 
 
 def _sharpened(picture: Float32Array, amount: float, radius_px: float) -> Float32Array:
