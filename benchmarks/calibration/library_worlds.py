@@ -11,7 +11,6 @@ best gain.
 from __future__ import annotations
 
 import argparse
-import re
 import sys
 import tempfile
 from pathlib import Path
@@ -19,8 +18,8 @@ from typing import Any
 
 sys.path.insert(0, str(Path(__file__).parent))
 from random_rigs import rig_command
+from random_worlds import PROFILE, rewritten
 
-PROFILE = Path(__file__).parents[2] / "hw_profiles" / "sim-furnished.toml"
 WORLDS = ("furnished", "cylinder", "dome", "relief", "l-room", "glossy", "gain-screen")
 
 SHOWN = ("--strategies", "none,bounded", "--loop", "none", "--only-target")
@@ -28,15 +27,12 @@ SHOWN = ("--strategies", "none,bounded", "--loop", "none", "--only-target")
 
 def profile_of(world: str, photographs: int, seed: int) -> str:
     """Return sim-furnished's text for another world."""
-    text = PROFILE.read_text("utf-8")
-    for old, new in {
-        'name = "sim-furnished"': f'name = "sim-{world}"',
-        'scene = "furnished"': f'scene = "{world}"',
-        "seed = 20141": f"seed = {seed}",
-    }.items():
-        text, count = re.subn(rf"(?m)^{re.escape(old)}", new, text, count=1)
-        if not count:
-            raise SystemExit(f"{PROFILE.name} has no {old!r} any more; mend this benchmark")
+    lines = {
+        r'(?m)^name = "sim-furnished"': f'name = "sim-{world}"',
+        r'(?m)^scene = "furnished"': f'scene = "{world}"',
+        r"(?m)^seed = 20141": f"seed = {seed}",
+    }
+    text = rewritten(PROFILE.read_text("utf-8"), lines)
     return text + (f"\n[transport]\nphotographs = {photographs}\n" if photographs else "")
 
 

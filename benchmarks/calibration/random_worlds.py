@@ -200,6 +200,11 @@ def _profile(random: np.random.Generator, seed: int, size_m: Point, reflectance:
         r"principal_point_px = \[321.9, 236.15\]": "principal_point_px = [160.7, 117.8]",
         r"principal_point_px = \[254.05, 200.95\]": "principal_point_px = [126.8, 100.2]",
     }
+    return rewritten(text, new)
+
+
+def rewritten(text: str, new: Mapping[str, str]) -> str:
+    """Return sim-furnished's text with the first match of each pattern replaced; ends where there is none."""
     for old, line in new.items():
         text, count = re.subn(old, line, text, count=1)
         if not count:

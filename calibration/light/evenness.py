@@ -7,13 +7,15 @@ import numpy as np
 from calibration.arrays import BoolArray, Float32Array, FloatArray, IntArray
 
 _PARTS, _FULL = 16, 0.3
-"""Along each side of the picture: somebody is a few of them wide. Of the lit pixels of the fullest part."""
+"""Along each side of the picture: somebody is a few of them wide. Of the pixels that count in the fullest part."""
 _MOST_OFF, _OF_WHITE = 0.2, 0.03
 """Of a picture's light, and of white: room light that flickers may change single pictures by a hundredth of white,
 where white is dark by a twentieth of it; where somebody stands in a picture, a third of its light is left."""
 
 
-def part_shares(light: Float32Array, white: Float32Array, lit: BoolArray) -> FloatArray:
+def part_shares(
+    light: Float32Array | FloatArray, white: Float32Array | FloatArray, lit: BoolArray, parts: int = _PARTS
+) -> FloatArray:
     """Return the light of parts of a picture, over that of white.
 
     Parameters
@@ -22,15 +24,18 @@ def part_shares(light: Float32Array, white: Float32Array, lit: BoolArray) -> Flo
         Linear light above black.
     lit : (H, W)
         Pixels that count.
+    parts : int
+        Along each side of the picture.
 
     Returns
     -------
     (M,)
         Of the parts that have enough such pixels, in the same order for the same pixels.
     """
-    counts = _sums(lit)
+    counts = _sums(lit, parts)
     full = counts > _FULL * counts.max()
-    return np.asarray(_sums(np.where(lit, light, 0.0))[full] / _sums(np.where(lit, white, 0.0))[full])
+    shown, whole = (_sums(np.where(lit, each, 0.0), parts)[full] for each in (light, white))
+    return np.asarray(shown / whole)
 
 
 def unevenness(shares: FloatArray) -> FloatArray:
@@ -57,8 +62,7 @@ def disturbed(uneven: FloatArray) -> IntArray:
     return odd if 2 * len(odd) < len(uneven) else odd[:0]
 
 
-def _sums(values: BoolArray | Float32Array | FloatArray) -> FloatArray:
+def _sums(values: BoolArray | Float32Array | FloatArray, parts: int) -> FloatArray:
     """(N,) over parts of the picture (H, W)."""
-    rows, columns = (np.linspace(0, n, _PARTS + 1).astype(int)[:-1] for n in values.shape)
-    sums = np.add.reduceat(np.add.reduceat(values.astype(np.float64), rows, axis=0), columns, axis=1)
-    return np.asarray(sums.ravel())
+    rows, columns = (np.array_split(np.arange(n), parts) for n in values.shape)
+    return np.array([values[np.ix_(row, column)].sum(dtype=np.float64) for row in rows for column in columns])

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from calibration.arrays import BoolArray, Float32Array, FloatArray
+from calibration.light.evenness import part_shares
 from calibration.radiometry.flicker import PHASES
 from calibration.radiometry.linearity import fit_linearity
 from rig.errors import SessionError
@@ -29,8 +30,8 @@ _LOOKED_AT = (("response", "whites-of-response"), ("separation", "whites-of-sepa
 """Steps that take even drift out of what they photographed, and their records of it."""
 _LIT_SHARE = 0.2
 """Of the brightest hundredth: darker pixels see little of the lamp."""
-_PARTS, _FULL = 8, 0.3
-"""Along each side of the picture; of the pixels of the fullest part."""
+_PARTS = 8
+"""Along each side of the picture."""
 _UNEVEN, _LEAST_PERCENT = 0.5, 1.5
 """Of the change of all white, or of so much: a lamp that warms up changes its corners by a tenth more than its middle,
 and noise changes parts of small pictures of eight bits by 0.3 %."""
@@ -98,17 +99,9 @@ def _whites(session: Session, *, averaged: bool) -> tuple[FloatArray, Float32Arr
 
 def _by_parts(brightest: Float32Array, darkest: Float32Array, judged: BoolArray) -> tuple[float, float]:
     """How much brighter a picture (H, W, B) is than another, in per cent, in parts where it is least and most so."""
-    sums = [_block_sums((np.nan_to_num(light) * judged).astype(np.float64)) for light in (brightest, darkest)]
-    counts = _block_sums(np.asarray(judged.any(axis=-1), dtype=np.float64))
-    full = counts > _FULL * counts.max()
-    percent = 100 * (sums[0][full] / sums[1][full] - 1)
+    bright, dark = (np.where(judged, light, 0.0).sum(axis=-1, dtype=np.float64) for light in (brightest, darkest))
+    percent = 100 * (part_shares(bright, dark, np.asarray(judged.any(axis=-1)), parts=_PARTS) - 1)
     return float(np.quantile(percent, 0.1)), float(np.quantile(percent, 0.9))
-
-
-def _block_sums(light: FloatArray) -> FloatArray:
-    """(N,) over squares of the picture (H, W, …)."""
-    rows, columns = (np.array_split(np.arange(n), _PARTS) for n in light.shape[:2])
-    return np.array([light[np.ix_(row, column)].sum(dtype=np.float64) for row in rows for column in columns])
 
 
 def drift_left_percent(session: Session) -> float | None:

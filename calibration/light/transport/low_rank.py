@@ -23,6 +23,13 @@ class LowRank:
     """(r, L) V."""
 
 
+def largest_eigenpairs(matrix: FloatArray, most: int) -> tuple[FloatArray, FloatArray]:
+    """Return the largest eigenvalues (r,) of a symmetric matrix (L, L), largest first, and their vectors (L, r)."""
+    size = len(matrix)
+    values, vectors = eigh(matrix, subset_by_index=(size - min(most, size), size - 1))
+    return np.asarray(values[::-1]), np.asarray(vectors[:, ::-1])
+
+
 def low_rank(change: FloatArray, pictures: FloatArray, most: int) -> LowRank:
     """Return the matrix of least rank that does to usual pictures what a change of transport does.
 
@@ -43,11 +50,9 @@ def low_rank(change: FloatArray, pictures: FloatArray, most: int) -> LowRank:
     seen = change @ root
     # The smaller Gram matrix has the same directions, and is quicker than the whole decomposition.
     gram = seen.T @ seen
-    most = min(most, len(gram))
-    values, vectors = eigh(gram, subset_by_index=(len(gram) - most, len(gram) - 1))
-    values, vectors = np.maximum(values[::-1], 0.0), vectors[:, ::-1]
-    left_out = 1 - np.cumsum(values) / max(float(np.trace(gram)), np.finfo(float).tiny)
-    count = min(int((left_out > _LOST).sum()) + 1, most)
+    values, vectors = largest_eigenpairs(gram, most)
+    left_out = 1 - np.cumsum(np.maximum(values, 0.0)) / max(float(np.trace(gram)), np.finfo(float).tiny)
+    count = min(int((left_out > _LOST).sum()) + 1, len(values))
     V = vectors[:, :count]
     by_patch = solve_triangular(root, V, lower=True, trans="T").T
     return LowRank(by_place=np.asarray(seen @ V), by_patch=np.asarray(by_patch))

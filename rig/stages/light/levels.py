@@ -87,7 +87,7 @@ def _without_bands(light: FloatArray | Float32Array, white: FloatArray | Float32
 def _refuse_disturbed_pair(share: FloatArray, uneven: float, exposure_s: float) -> None:
     if abs(uneven) <= 1:
         return
-    there = float(share.min() if uneven < 0 else share.max())
+    there = _furthest(share, uneven)
     raise CalibrationError(
         f"camera response: of two photographs of white, both exposed for {1000 * exposure_s:.2f} ms, the second has "
         f"{100 * there:.0f} % of the level of both in one part of the picture, and {100 * np.median(share):.0f} % in "
@@ -102,10 +102,15 @@ def _refuse_disturbed(names: tuple[str, ...], shares: FloatArray) -> None:
         return
     worst = odd[np.argmax(np.abs(uneven[odd]))]
     middle = float(np.median(shares[worst]))
-    there = float(shares[worst].min() if uneven[worst] < 0 else shares[worst].max())
+    there = _furthest(shares[worst], uneven[worst])
     raise CalibrationError(
         f"projector response: {len(odd)} of {len(names)} pictures of one level are not as bright a share of white "
         f"everywhere ({', '.join(names[k] for k in odd)}): part of {names[worst]} has {100 * there:.1f} % of white's "
         f"light where the whole picture has {100 * middle:.1f} %, {abs(uneven[worst]):.1f} times what is allowed. "
         f"{_SOMEBODY}"
     )
+
+
+def _furthest(share: FloatArray, uneven: float) -> float:
+    """The part that is off by most."""
+    return float(share.min() if uneven < 0 else share.max())

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import eigh
 from scipy.sparse import csr_array
 
 from calibration.light.reflectance import ReflectanceSource
+from calibration.light.transport.low_rank import largest_eigenpairs
 from calibration.light.transport.posterior import TransportPrior
 from rig.stages.scene_model import SceneModel
 from rig.stages.transport.lobes import Ways, lobes_of
@@ -142,9 +142,8 @@ def _kernel(scene_model: SceneModel, patch: IntArray) -> FloatArray:
     apart = ((centres[:, None] - centres) ** 2).sum(axis=2) / size_m**2
     near, far = (np.exp(-apart / (2 * length**2)) for length in (_NEAR, _FAR))
     covariance = 0.25 * (near + far) * (1 + normals @ normals.T)
-    most = min(_MOST_KERNEL, len(covariance))
-    values, vectors = eigh(covariance, subset_by_index=(len(covariance) - most, len(covariance) - 1))
-    kept = np.flatnonzero(values > _LEAST_KERNEL * values[-1])[::-1]
+    values, vectors = largest_eigenpairs(covariance, _MOST_KERNEL)
+    kept = values > _LEAST_KERNEL * values[0]
     return np.asarray(vectors[:, kept] * np.sqrt(values[kept]))
 
 
