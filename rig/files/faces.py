@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.errors import UsageError
-from rig.terminal.line import counted
+from rig.terminal.line import counted, first_of
 from sim.geometry.mending.polygons import CutPolygons, cut_polygons
 
 BoolArray = NDArray[np.bool_]
@@ -92,8 +92,7 @@ def _fan_well(quads: FloatArray) -> BoolArray:
 def refuse_faces(path: Path, faults: Sequence[str]) -> None:
     """Raise UsageError if there are any."""
     if faults:
-        more = f"; and {len(faults) - NAMED} more" if len(faults) > NAMED else ""
         raise UsageError(
-            f"{path}: no surface can be made of {counted(len(faults), 'face')}: {'; '.join(faults[:NAMED])}{more}; "
+            f"{path}: no surface can be made of {counted(len(faults), 'face')}: {'; '.join(first_of(faults, NAMED))}; "
             "correct or remove them"
         )

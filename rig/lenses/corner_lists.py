@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.errors import ProfileError
-from rig.terminal.line import counted
+from rig.terminal.line import counted, first_of
 
 FloatArray = NDArray[np.float64]
 LastColumn = Literal["level", "weight"]
@@ -72,8 +72,7 @@ def read_corner_lists(path: Path, corners: int, last_column: LastColumn | None) 
     if not rows and not problems:
         problems = [f"{path}: names no picture; write lines `filename x y {kind}`"]
     if problems:
-        more = [f"… and {len(problems) - _LISTED} more"] if len(problems) > _LISTED else []
-        raise ProfileError("\n".join(problems[:_LISTED] + more))
+        raise ProfileError("\n".join(first_of(problems, _LISTED)))
     return lists
 
 

@@ -27,6 +27,7 @@ from rig.lenses.records import DeviceLens, LensesResult, PairPose
 from rig.lenses.summaries import device_summary, view_summaries
 from rig.lenses.views import SeenView, joined, seen_views
 from rig.terminal import OnStep, silent
+from rig.terminal.line import first_of
 from rig.version import __version__
 
 FloatArray = NDArray[np.float64]
@@ -127,10 +128,10 @@ def _projector_size(manifest: LensManifest) -> tuple[int, int] | None:
 
 
 def _too_few(views: tuple[SeenView, ...], usable: int) -> str:
-    problems = [f"  {view.name}: {view.problem}" for view in views if view.problem]
-    more = [f"  … and {len(problems) - _LISTED} more"] if len(problems) > _LISTED else []
+    problems = [f"{view.name}: {view.problem}" for view in views if view.problem]
     head = f"{usable} of {len(views)} views can be used, at least {LEAST_VIEWS} are needed, each with another tilt"
-    return "\n".join([head + (":" if problems else ": photograph more"), *problems[:_LISTED], *more])
+    listed = [f"  {line}" for line in first_of(problems, _LISTED)]
+    return "\n".join([head + (":" if problems else ": photograph more"), *listed])
 
 
 def _lenses(calibration: LensCalibration) -> list[tuple[str, FittedLens, slice]]:

@@ -17,6 +17,7 @@ from calibration.structured_light.decode import decode_gray
 from calibration.structured_light.gray import BOTH_AXES, Axis
 from rig.devices.replay.photographs import Manifest, Photograph
 from rig.errors import CalibrationFailed
+from rig.terminal.line import first_of
 
 _GRID = 8_000
 """Camera pixels at which readings are compared."""
@@ -191,8 +192,7 @@ def _mended_order(manifest: Manifest, changed: Mapping[str, str]) -> tuple[str, 
 
 def _told(manifest: Manifest, changed: Mapping[str, str]) -> str:
     lines = [f"{manifest.frames[name].name} shows {pattern}" for pattern, name in changed.items()]
-    more = [f"… and {len(lines) - _LISTED} more"] if len(lines) > _LISTED else []
-    return ", ".join(lines[:_LISTED] + more)
+    return ", ".join(first_of(lines, _LISTED))
 
 
 def _mended_exposures(manifest: Manifest, gains: Mapping[str, float]) -> tuple[str, ...]:

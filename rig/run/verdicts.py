@@ -9,7 +9,7 @@ from rig.profile.schema import Profile
 from rig.profile.tables import Limits
 from rig.records import Verdict
 from rig.stages.light.exposure import CameraExposure
-from rig.stages.light.odd_checks import in_words
+from rig.stages.light.odd_checks import first_names
 from rig.stages.results import GeometryResult, ModelComparison, ModelResult
 from rig.stages.separation import SeparationRecord
 from rig.stages.stripes.showing import focus_verdicts, out_of_focus
@@ -162,9 +162,9 @@ def _left_out(separation: SeparationRecord) -> tuple[Verdict, ...]:
         Verdict(
             what="separation: pictures of checks left out",
             value=len(separation.left_out),
-            advice=f"{in_words(separation.left_out)}: the others agree, and light was separated by them. Somebody or "
-            "something stood in the light, or light in the room changed, while these were photographed: stay away, and "
-            "keep the room dark",
+            advice=f"{first_names(separation.left_out)}: the others agree, and light was separated by them. Somebody "
+            "or something stood in the light, or light in the room changed, while these were photographed: stay away, "
+            "and keep the room dark",
         ),
     )
 

@@ -25,7 +25,7 @@ from rig.records import JsonObject, Record, json_of
 from rig.session import Session, Step
 from rig.stages.correspondence import load_correspondence
 from rig.stages.light.lamp import LampRecord, lamp_since, take_before_white, time_of, without_drift
-from rig.stages.light.odd_checks import are_few, in_words, odd_among, refuse_odd
+from rig.stages.light.odd_checks import are_few, first_names, odd_among, refuse_odd
 from rig.stages.light.repeats import WHITES, white_bracket
 from rig.stages.linear_light import (
     BoolArray,
@@ -175,7 +175,7 @@ def _without_odd(
     if not are_few(odd):
         refuse_odd(found.crossed, checks.names)
     names = tuple(name for name, is_odd in zip(checks.names, odd, strict=True) if is_odd)
-    on_step(f"left out, for the others make something else of them: {in_words(names)}", 1, 1)
+    on_step(f"left out, for the others make something else of them: {first_names(names)}", 1, 1)
     others = checks.without(odd)
     found = _separated(others, white, correspondence)
     refuse_odd(found.crossed, others.names)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Sequence
 from types import TracebackType
 
 from rich.console import Console
@@ -16,6 +17,12 @@ def bar(share: float, length: int) -> str:
 def counted(number: int, noun: str, plural: str = "") -> str:
     """Return a number with its noun: ``1 event``, ``2 events``."""
     return f"{number} {noun if number == 1 else plural or noun + 's'}"
+
+
+def first_of(items: Sequence[str], most: int) -> list[str]:
+    """Return the first of what is to be listed, and where there is more, how much, as the last."""
+    more = [f"… and {len(items) - most} more"] if len(items) > most else []
+    return [*items[:most], *more]
 
 
 def in_words(seconds: float) -> str:

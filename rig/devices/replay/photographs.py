@@ -19,6 +19,7 @@ from rig.errors import DeviceLost, ProfileError, UsageError
 from rig.files.lens_file import read_lens_file
 from rig.files.pictures import read_pixels
 from rig.files.toml import Table, read_model
+from rig.terminal.line import first_of
 
 Photograph = NDArray[Any]
 """uint8 or uint16."""
@@ -363,8 +364,7 @@ def _unfit(pixels: Photograph, manifest: Manifest) -> str:
 def _refuse(manifest: Manifest, problems: list[str]) -> None:
     if not problems:
         return
-    more = [f"… and {len(problems) - _LISTED} more"] if len(problems) > _LISTED else []
-    lines = "\n".join(f"  {line}" for line in problems[:_LISTED] + more)
+    lines = "\n".join(f"  {line}" for line in first_of(problems, _LISTED))
     raise DeviceLost(
         f"{manifest.path}: {len(problems)} of {len(manifest.frames)} photographs cannot be used:\n{lines}\n"
         "copy them again or correct the manifest"

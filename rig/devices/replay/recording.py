@@ -20,6 +20,7 @@ from rig.errors import CaptureTimeout, DeviceLost, NotRecorded, SessionCorrupt, 
 from rig.files.atomic import sha256_of
 from rig.files.exr import read_exr
 from rig.files.journal import JOURNAL_NAME, corrupt_line, read_events
+from rig.terminal.line import first_of
 
 Pixels = NDArray[np.uint16]
 
@@ -107,9 +108,7 @@ class ReplayProjector:
             )
 
     def _known(self) -> str:
-        names = sorted(self._recording.frames)
-        more = f" and {len(names) - _SHOWN_NAMES} more" if len(names) > _SHOWN_NAMES else ""
-        return ", ".join(names[:_SHOWN_NAMES]) + more
+        return ", ".join(first_of(sorted(self._recording.frames), _SHOWN_NAMES))
 
 
 class ReplayCamera:

@@ -9,6 +9,7 @@ import numpy as np
 from calibration.arrays import BoolArray
 from calibration.errors import CalibrationError
 from calibration.light.cross_check import CrossCheck
+from rig.terminal.line import first_of
 
 _MOST_OFF_PERCENT, _MOST_RMS_RATIO = 3.0, 2.5
 """Of direct light, and times the middle picture of checks. On 13 random rigs pictures were off by at most 0.1 %, and
@@ -44,7 +45,7 @@ def refuse_odd(crossed: CrossCheck | None, names: Sequence[str]) -> None:
     worst = int(np.argmax(np.where(odd, np.abs(crossed.off_percent), 0.0)))
     which = [name for name, is_odd in zip(names, odd, strict=True) if is_odd]
     raise CalibrationError(
-        f"{len(which)} of {len(names)} pictures of checks are not what the others make of them ({in_words(which)}): "
+        f"{len(which)} of {len(names)} pictures of checks are not what the others make of them ({first_names(which)}): "
         f"{names[worst]} is {crossed.off_percent[worst]:+.1f} % of direct light off (limit {_MOST_OFF_PERCENT:g} %), "
         f"and leaves {crossed.rms_ratio[worst]:.1f} times as much as the middle one (limit {_MOST_RMS_RATIO:g}); "
         f"one in {_MOST_LEFT_OUT} could be left out, if the others agree. "
@@ -54,7 +55,6 @@ def refuse_odd(crossed: CrossCheck | None, names: Sequence[str]) -> None:
     )
 
 
-def in_words(names: Sequence[str]) -> str:
+def first_names(names: Sequence[str]) -> str:
     """Return the first few of them, and how many more there are."""
-    more = f", and {len(names) - _LISTED} more" if len(names) > _LISTED else ""
-    return ", ".join(names[:_LISTED]) + more
+    return ", ".join(first_of(names, _LISTED))

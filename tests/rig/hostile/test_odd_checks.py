@@ -5,7 +5,7 @@ import pytest
 
 from calibration.errors import CalibrationError
 from calibration.light.cross_check import CrossCheck
-from rig.stages.light.odd_checks import are_few, in_words, odd_among, refuse_odd
+from rig.stages.light.odd_checks import are_few, first_names, odd_among, refuse_odd
 
 NAMES = [f"checker-{k:02}" for k in range(25)]
 
@@ -58,4 +58,4 @@ def test_a_refusal_names_pictures_figures_limits_and_what_to_do() -> None:
 
 
 def test_of_many_names_the_first_few_are_listed() -> None:
-    assert in_words(NAMES[:6]) == "checker-00, checker-01, checker-02, checker-03, and 2 more"
+    assert first_names(NAMES[:6]) == "checker-00, checker-01, checker-02, checker-03, … and 2 more"
