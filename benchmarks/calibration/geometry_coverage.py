@@ -27,6 +27,7 @@ from numpy.typing import NDArray
 
 from calibration.errors import CalibrationError
 from calibration.geometry.pinhole import PinholeModel, vector_of, world_rays
+from calibration.geometry.room import FACES
 from rig.devices.simulated.optics import SimulatedOptics, make_optics, pixels_of
 from rig.profile.schema import Profile, load_profile
 from rig.stages.geometry import GeometryRecord, geometry_of
@@ -133,9 +134,10 @@ def outcome_of(case: Case) -> Outcome:
 
 
 def _walls_off(record: GeometryRecord, shape: Shape, camera: SimulatedOptics, projector: SimulatedOptics) -> float:
-    """Distance of the record's walls from what the projector lights, in the camera's frame, by the room's size.
+    """Distance of measured walls from what the projector lights, in the camera's frame, by the room's size.
 
-    The 95th percentile of the pixels that both devices see; balls apart.
+    The 95th percentile of the pixels that both devices see; balls apart. Walls that nobody saw are guesses, which a
+    session replaces by what their light tells.
     """
     grid = np.stack(np.meshgrid(*(np.arange(4, n - 4, 8.0) for n in projector.shape[::-1])), -1).reshape(-1, 2)
     bare = replace(shape, balls=())
@@ -147,10 +149,12 @@ def _walls_off(record: GeometryRecord, shape: Shape, camera: SimulatedOptics, pr
     found, lamp = (next(iter(one.values())).pinhole() for one in (record.cameras, record.projectors))
     rays = world_rays(lamp, grid)
     size = np.array(record.surface.size_m)
-    along = np.where(rays > 0, (size - lamp.position_m) / rays, -lamp.position_m / rays).min(axis=1)
+    measured_faces = np.isin(np.array(FACES).reshape(3, 2), record.surface.seen)
+    reached = np.where(rays > 0, (size - lamp.position_m) / rays, -lamp.position_m / rays)
+    along = np.where(np.where(rays > 0, measured_faces[:, 1], measured_faces[:, 0]), reached, np.inf).min(axis=1)
     here = (lamp.position_m + along[:, None] * rays - found.position_m) @ found.rotation.T
     off = np.linalg.norm(here - (there - camera.position_m) @ camera.rotation.T, axis=1)
-    return float(np.percentile(off[seen_by_both], 95) / size.max())
+    return float(np.percentile(off[seen_by_both & np.isfinite(along)], 95) / size.max())
 
 
 def compared(
