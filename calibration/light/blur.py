@@ -35,7 +35,7 @@ _MOST_SHIFT_PX = 0.3
 _MOST_STEP_PX2, _MOST_STEP_SHARE = 0.25, 0.5
 """Of a lens's variance in one step of the fit, or that share of what it is: far from its end it is not linear."""
 _PLACE_SIGMA_PX = 0.3
-"""Of a place before the fit: what codes leave at worst. It decides where no edge of a check comes near."""
+"""Of a place before the fit: what codes leave at worst. It decides where no edge comes near, or a single one."""
 _LEAST_SCATTER = 3e-3
 """Of the light of a pixel, as a share of its direct light: no camera is better, however few pictures there are."""
 _PRIOR_INFORMATION = np.array([0.1, 4.0, 4.0, 4.0] * 2 + [1.0])
@@ -195,7 +195,7 @@ def _fitted(problem: _BlurProblem, start_px2: float) -> tuple[FloatArray, FloatA
     information, rms = np.eye(9), np.inf
     for _ in range(_ITERATIONS):
         step, shift_px, information, rms = problem.step(z)
-        z, problem = z + step, replace(problem, xy=problem.xy + shift_px)
+        z, problem = z + step, replace(problem, xy=problem.xy + shift_px, scatter=rms)
         if np.abs(step[[0, 4]]).max() < _SETTLED_PX2:
             break
     return z, information, rms
@@ -256,6 +256,7 @@ def _problem(
     return _BlurProblem(
         light=np.stack([frame[rows, columns].astype(np.float64) for frame in frames]),
         pictures=tuple(pictures),
+        told_xy=xy[rows, columns],
         xy=xy[rows, columns],
         camera_xy=np.stack([columns, rows], axis=-1).astype(np.float64),
         stretched=stretched[rows, columns],
@@ -270,10 +271,15 @@ class _BlurProblem:
     light: FloatArray
     """(K, N)."""
     pictures: tuple[TwoLevelPicture, ...]
+    told_xy: FloatArray
+    """(N, 2) places by the code ..."""
     xy: FloatArray
+    """... and as they were found since."""
     camera_xy: FloatArray
     stretched: FloatArray
     shapes: tuple[tuple[int, int], tuple[int, int]]
+    scatter: float = _LEAST_SCATTER
+    """Of the light of a typical pixel, as a share of its direct light."""
 
     @cached_property
     def basis(self) -> FloatArray:
@@ -286,16 +292,16 @@ class _BlurProblem:
         seen = Footprint(xy_px=self.xy, variance_px2=np.maximum(variance, LEAST_VARIANCE_PX2))
         regressors = shares_and_slopes(self.pictures, seen, order=2)
         own = np.concatenate([regressors[:3], np.ones_like(regressors[:1])]).transpose(2, 1, 0)
-        widths = regressors[3:].transpose(2, 1, 0)
-        light = self.light.T[..., None]
-        known = (_LEAST_SCATTER / _PLACE_SIGMA_PX) ** 2
-        gram = own.transpose(0, 2, 1) @ own + np.diag([1e-9, known, known, 1e-9])
-        found = np.linalg.solve(gram, own.transpose(0, 2, 1) @ np.concatenate([light, widths], axis=2))
-        rest = np.concatenate([light, widths], axis=2) - own @ found
+        own = np.concatenate([own, self._told_places()], axis=1)
+        seen_and_widths = np.concatenate([self.light[None], regressors[3:]]).transpose(2, 1, 0)
+        seen_and_widths = np.concatenate([seen_and_widths, np.zeros((len(own), 2, 3))], axis=1)
+        gram = own.transpose(0, 2, 1) @ own + np.diag([1e-9, 0.0, 0.0, 1e-9])
+        found = np.linalg.solve(gram, own.transpose(0, 2, 1) @ seen_and_widths)
+        rest = seen_and_widths - own @ found
         direct = found[:, 0, 0]
         residual, slopes = rest[..., 0], rest[..., 1:] * direct[:, None, None]
         jacobian = np.einsum("nka,anz->nkz", slopes, self.basis)
-        scatter = np.sqrt((residual**2).sum(axis=1) / (len(self.pictures) - 4))
+        scatter = np.sqrt((residual**2).sum(axis=1) / (len(self.pictures) - 2))
         typical = max(float(np.median(scatter / np.maximum(direct, 1e-9))), _LEAST_SCATTER)
         weight = np.where(direct > 0, 1 / np.maximum(scatter, typical * direct), 0.0) ** 2
         weight *= 1 / (1 + (scatter / np.maximum(2 * typical * direct, 1e-12)) ** 2)
@@ -306,6 +312,15 @@ class _BlurProblem:
         shift -= np.einsum("nka,an->nk", found[:, 1:3, 1:], self.basis @ step)
         shift_px = np.clip(shift, -_MOST_SHIFT_PX, _MOST_SHIFT_PX)
         return step, shift_px, information, float(typical)
+
+    def _told_places(self) -> FloatArray:
+        """(N, 2, 4) what the code says of a pixel's place, as rows of its equations: zero but for noise.
+
+        A single edge near a pixel tells its place as well as the blur, and neither alone.
+        """
+        rows = np.zeros((len(self.xy), 2, 4))
+        rows[:, :, 0], rows[:, 0, 1], rows[:, 1, 2] = self.xy - self.told_xy, 1.0, 1.0
+        return rows * (self.scatter / _PLACE_SIGMA_PX)
 
 
 def _variance_basis(

@@ -14,19 +14,20 @@ PROJECTOR, CAMERA = (160, 200), (150, 220)
 FINE = 4
 
 
-def seen(pattern: Pattern, blur_px: float) -> np.ndarray:
+def seen(pattern: Pattern, blur_px: float, noise_share: float = 0.008) -> np.ndarray:
     """A camera of the projector's scale, whose lens is sharp; the projector's is not."""
     fine = np.repeat(np.repeat(pattern.codes / 255, FINE, axis=0), FINE, axis=1).astype(np.float32)
     blurred = cv2.GaussianBlur(fine, (0, 0), blur_px * FINE)
     small = cv2.resize(blurred, PROJECTOR[::-1], interpolation=cv2.INTER_AREA)
     light = np.pad(small, ((0, 0), (0, CAMERA[1] - PROJECTOR[1])))[: CAMERA[0]]
-    noise = np.random.default_rng(len(pattern.name)).normal(0, 0.004, CAMERA)
+    noise = np.random.default_rng(list(pattern.name.encode())).normal(0, 0.5 * noise_share, CAMERA)
     return (0.5 * light + 0.2 + noise).astype(np.float32)
 
 
-def correspondence() -> Correspondence:
+def correspondence(place_sigma_px: float = 0.0) -> Correspondence:
     xy = np.stack(np.meshgrid(np.arange(CAMERA[1]), np.arange(CAMERA[0])), axis=-1).astype(np.float32)
-    reason = np.where(xy[..., 0] < PROJECTOR[1], 0, 1).astype(np.uint8)
+    xy += np.random.default_rng(5).normal(0, place_sigma_px, xy.shape).astype(np.float32)
+    reason = np.broadcast_to(np.arange(CAMERA[1]) >= PROJECTOR[1], CAMERA).astype(np.uint8)
     return Correspondence(xy, reason, PROJECTOR)
 
 
@@ -39,6 +40,17 @@ def test_stripes_tell_the_blur_before_any_check_is_shown(blur_px: float) -> None
     expected = np.hypot(blur_px, np.sqrt(1 / 12))
     assert blur_of_picture_px(spread, correspondence(), valid) == pytest.approx(expected, rel=0.1)
     assert np.nanmedian(variance_sigma_map(spread, correspondence())[valid]) < 0.2 * expected**2
+
+
+@pytest.mark.parametrize("blur_px", [0.8, 1.5, 2.5])
+def test_stripes_tell_the_blur_where_noise_is_large_and_places_are_uncertain(blur_px: float) -> None:
+    # A single edge near a pixel tells its place as well as the blur: what the code says of the place has to count.
+    stripes = stripes_that_tell(list(gray_code_patterns(PROJECTOR)))
+    frames = [seen(pattern, blur_px, noise_share=0.03) for pattern in stripes]
+    told = correspondence(place_sigma_px=0.2)
+    spread = fit_point_spread(frames, [pattern.codes for pattern in stripes], told, told.valid)
+    expected = np.hypot(blur_px, np.sqrt(1 / 12))
+    assert blur_of_picture_px(spread, told, told.valid) == pytest.approx(expected, rel=0.12)
 
 
 def test_the_stripes_that_tell_along_both_axes_are_taken() -> None:
