@@ -73,5 +73,9 @@ def check_size_px(least_px: int, blur_px: float, projector_shape: tuple[int, int
     """
     if least_px >= _TOO_FINE * blur_px:
         return least_px
-    wanted = 2 * int(np.ceil(_LARGE_ENOUGH * blur_px / 2))
-    return max(least_px, min(wanted, min(projector_shape) // _LEAST_CHECKS))
+    return max(least_px, min(large_enough_px(blur_px), min(projector_shape) // _LEAST_CHECKS))
+
+
+def large_enough_px(blur_px: float) -> int:
+    """Return the side of checks, even, that a blur leaves as they are."""
+    return 2 * int(np.ceil(_LARGE_ENOUGH * blur_px / 2))

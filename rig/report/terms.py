@@ -79,6 +79,10 @@ WORDS: Mapping[str, str] = {
         "Pixels that are off by no more than three of their stated standard deviations, in the picture with fewest."
     ),
     "measured - simulated: |bias|": "Mean of photograph minus prediction, whichever sign.",
+    "separation: side of a check over the blur of the picture": (
+        "In standard deviations of what a camera pixel sees of the picture: with few, no place of a check is without "
+        "light of its neighbours."
+    ),
     "separation: direct light by the middles of checks, against that by all of them": (
         "A camera that sharpens its pictures, or a dirty lens, adds or takes light beside edges; none reach the middle."
     ),

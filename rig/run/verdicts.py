@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from calibration.geometry.known.right_angles import USUAL_ASKEW_DEG
+from calibration.light.check_size import large_enough_px
 from rig.profile.schema import Profile
 from rig.profile.tables import Limits
 from rig.records import Verdict
@@ -32,6 +33,9 @@ _UNEXPLAINED_GLOBAL = 0.12
 """Of 20 random rooms, those at 0.07 and below had reflectances within 0.04, those at 0.17 and above 0.12 to 0.3 off."""
 _SWELL_PERCENT = 0.4
 """Of white, from darkest to brightest: one grey level of 255."""
+_LEAST_SIDE = 6.0
+"""Standard deviations of blur in a check. Below, direct and global light are up to 1.7 and 4.1 % off, with JPEG 2 and 6
+(`calibration.light.check_size`)."""
 _MIDDLE_PERCENT = 1.0
 """Of direct light. On 13 random rigs it was 0.4 at most; a camera that sharpens by 0.6 had 3.3, and 4.6 too much."""
 _ADVICE_ONE_WALL = (
@@ -150,8 +154,26 @@ def room_light_verdicts(exposure: CameraExposure) -> tuple[Verdict, ...]:
 
 
 def checks_verdicts(separation: SeparationRecord) -> tuple[Verdict, ...]:
-    """Return what pictures of checks are judged by: light beside edges, where checks have a middle, and what is odd."""
-    return (*_beside_edges(separation), *_left_out(separation))
+    """Return what checks are judged by: their size, light beside edges where they have a middle, odd pictures."""
+    return (*_size(separation), *_beside_edges(separation), *_left_out(separation))
+
+
+def _size(separation: SeparationRecord) -> tuple[Verdict, ...]:
+    blur_px = separation.checks_blur_px
+    if not blur_px:
+        return ()
+    return (
+        Verdict(
+            what="separation: side of a check over the blur of the picture",
+            value=separation.checker_size_px / blur_px,
+            limit=_LEAST_SIDE,
+            unit="standard deviations",
+            at_least=True,
+            advice=f"a camera pixel sees the picture blurred by {blur_px:.1f} px, and checks of "
+            f"{separation.checker_size_px} px are too fine for that: direct and global light are biased. Focus both "
+            f"lenses, or set patterns.checker_size_px = {large_enough_px(blur_px)}, and begin a new session",
+        ),
+    )
 
 
 def _left_out(separation: SeparationRecord) -> tuple[Verdict, ...]:

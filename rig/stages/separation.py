@@ -68,6 +68,8 @@ class SeparationRecord(Record):
     stripes_blur_px: float | None = None
     """By stripes of the code, before: standard deviation of what a camera pixel sees, in projector pixels.
     None for a code without such stripes."""
+    checks_blur_px: float | None = None
+    """The same by the checks; None in sessions of before it was kept."""
     blur_rms: float
     """What the blurred pattern leaves of a pixel's light, as a share of its direct light."""
     middle_percent: float | None = None
@@ -272,6 +274,7 @@ def _record(found: _Separated, *, checks: tuple[int, float | None], left_out: tu
         camera_blur=_blur_record(spread.camera, sigmas[4]),
         checker_size_px=checks[0],
         stripes_blur_px=checks[1],
+        checks_blur_px=blur_of_picture_px(spread, found.finer, lit),
         blur_rms=spread.rms,
         middle_percent=None if found.crossed is None else found.crossed.middle_percent,
         left_out=left_out,

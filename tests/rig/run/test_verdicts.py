@@ -10,10 +10,11 @@ import pytest
 
 from rig.profile.schema import Profile
 from rig.records import Verdict
-from rig.run.verdicts import geometry_verdicts, room_light_verdicts, verdicts
+from rig.run.verdicts import checks_verdicts, geometry_verdicts, room_light_verdicts, verdicts
 from rig.stages.light.exposure import CameraExposure
 from rig.stages.light.unseen_walls import PlacedByLight
 from rig.stages.results import GeometryResult, ModelComparison, ModelErrors, ModelResult
+from rig.stages.separation import BlurRecord, SeparationRecord
 
 SIGMAS_M = {f"{device}_{axis}_m": 0.004 for device in ("camera", "projector", "room") for axis in "xyz"}
 SIGMAS_M |= {"relative_x_m": 0.001, "surface_x1_m": 0.004, "surface_floor_m": 0.003, "baseline_m": 0.001}
@@ -212,3 +213,28 @@ def test_room_light_that_averaging_does_not_lessen_is_judged_as_it_is() -> None:
 
 def test_room_light_of_which_exposures_hold_whole_periods_is_no_matter() -> None:
     assert room_light_verdicts(exposed(0.0)) == ()
+
+
+def separated(checker_size_px: int, checks_blur_px: float | None) -> SeparationRecord:
+    blur = BlurRecord(variance_px2=(0.5, 0.0, 0.0, 0.0), middle_px=0.7, middle_sigma_px=0.01, worst_px=0.8)
+    return SeparationRecord(
+        projector_blur=blur,
+        camera_blur=blur,
+        checker_size_px=checker_size_px,
+        checks_blur_px=checks_blur_px,
+        blur_rms=0.02,
+        extremes_over_known_pattern=1.0,
+    )
+
+
+def test_checks_that_are_too_fine_for_the_blur_that_they_show_are_outside_with_the_size_that_suits() -> None:
+    (found,) = checks_verdicts(separated(8, 1.72))
+    assert not found.met
+    assert found.value == pytest.approx(4.65, abs=0.01)
+    assert "checker_size_px = 14" in found.advice
+    (found,) = checks_verdicts(separated(14, 1.72))
+    assert found.met
+
+
+def test_sessions_of_before_the_blur_of_checks_was_kept_are_not_judged_by_it() -> None:
+    assert checks_verdicts(separated(8, None)) == ()
