@@ -33,6 +33,8 @@ _WALL_MARGIN = 0.1
 """Of the lit piece of a wall that stands alone, on each side: pixels at its rim do not enter the geometry."""
 _MOSTLY = 0.9
 """Cosine from which on a direction counts as along another one."""
+_NEARLY_ALL = 95
+"""Percentile of distances that a wall is said to be off by."""
 _TWO_SURFACES_M = 0.3
 """Parallel planes further apart are two surfaces, not one found twice."""
 
@@ -53,6 +55,8 @@ class RoomBox:
     projector: PinholeModel
     angle_error_deg: float
     """Largest deviation of a measured plane from its axis."""
+    off_m: float = 0.0
+    """How far what was measured of the walls lies off them: 95 % of the points by no more."""
     notes: str
     """What was assumed, in words."""
 
@@ -106,7 +110,7 @@ def room_from_stereo(
     stereo = _on_axes(stereo, with_things=with_things)
     on_axis = [k for k, axis in enumerate(stereo.axes) if axis >= 0]
     frame = _room_directions(stereo)
-    low, high, seen = _extents(stereo, frame)
+    low, high, seen, off_m = _extents(stereo, frame)
     devices = np.stack([frame @ stereo.camera.position_m, frame @ stereo.projector.position_m])
     if lens_height_m is not None and low[2] is None:
         low[2] = float(devices[1, 2]) - lens_height_m
@@ -126,6 +130,7 @@ def room_from_stereo(
         camera=_moved(stereo.camera, frame, origin),
         projector=_moved(stereo.projector, frame, origin),
         angle_error_deg=angle,
+        off_m=off_m,
         notes=notes,
     )
 
@@ -280,25 +285,32 @@ def _room_directions(stereo: StereoCalibration) -> FloatArray:
     return np.stack([x, y, up])
 
 
-def _extents(stereo: StereoCalibration, frame: FloatArray) -> tuple[Extents, Extents, set[str]]:
-    """Positions of the seen faces along each axis, in the camera's frame's origin."""
+def _extents(stereo: StereoCalibration, frame: FloatArray) -> tuple[Extents, Extents, set[str], float]:
+    """Positions of the seen faces along each axis, in the camera's frame's origin, and how far points lie off them.
+
+    A plane that is a little askew becomes the wall that is nearest to what was measured of it.
+    """
     low: Extents = [None, None, None]
     high: Extents = [None, None, None]
     seen: set[str] = set()
-    for plane, axis in zip(stereo.planes, stereo.axes, strict=True):
+    points, off = lit_points(stereo) @ frame.T, [np.zeros(1)]
+    for number, (plane, axis) in enumerate(zip(stereo.planes, stereo.axes, strict=True)):
         if axis < 0:
             continue
         alignment = frame @ plane / np.linalg.norm(plane)
         k = int(np.abs(alignment).argmax())
-        position = float(np.sign(alignment[k]) / np.linalg.norm(plane))
-        side, name = (high, FACES[2 * k + 1]) if position > 0 else (low, FACES[2 * k])
+        on_plane = points[stereo.explained.plane == number, k]
+        foot = float(np.sign(alignment[k]) / np.linalg.norm(plane))
+        position = float(on_plane.mean()) if len(on_plane) else foot
+        off.append(np.abs(on_plane - position))
+        side, name = (high, FACES[2 * k + 1]) if foot > 0 else (low, FACES[2 * k])
         held = side[k]
         if held is not None and abs(held - position) > _TWO_SURFACES_M:
             # A second, parallel surface (a cupboard, a step): the outer one is the room's wall.
             position = max(held, position, key=abs)
         side[k] = position
         seen.add(name)
-    return low, high, seen
+    return low, high, seen, float(np.percentile(np.concatenate(off), _NEARLY_ALL))
 
 
 def _close(devices: FloatArray, low: Extents, high: Extents, size_m: tuple[float, float, float] | None) -> str:

@@ -79,6 +79,9 @@ WORDS: Mapping[str, str] = {
         "Pixels that are off by no more than three of their stated standard deviations, in the picture with fewest."
     ),
     "measured - simulated: |bias|": "Mean of photograph minus prediction, whichever sign.",
+    "geometry: how far the measured walls are off the box that stands for them": (
+        "Distance of 95 % of the measured points from the box: large where a wall leans or a corner is not square."
+    ),
     "separation: side of a check over the blur of the picture": (
         "In standard deviations of what a camera pixel sees of the picture: with few, no place of a check is without "
         "light of its neighbours."

@@ -100,6 +100,7 @@ def _geometry(session: Session, *, is_separated: bool) -> GeometryResult:
         room_size_m=record.surface.size_m,
         faces_seen=record.surface.seen,
         room_notes=record.surface.notes,
+        off_walls_m=record.surface.off_m,
         sigmas=record.sigmas,
         right_angle_sigmas=record.right_angle_sigmas,
         askew_sigmas=record.askew_sigmas,

@@ -22,6 +22,8 @@ _SURER = (
 _MOST_AGAINST_RIGHT_ANGLES = 3.0
 """Standard deviations: of thirty random rooms 1.4 at most, of corners of 93 to 96 degrees, which were up to 10 % of the
 room off, 2.5 to 4.2."""
+_SQUARE_PERCENT, _MOST_OFF_PERCENT = 0.01, 1.0
+"""Of the room: where walls are as square as a box's, and off by more than which a length is called wrong."""
 _OF_NOISE = 1.25
 """Of the noise part: a camera of few electrons is no worse a model."""
 _LEAST_WITHIN_3_SIGMA = 0.85
@@ -90,9 +92,27 @@ def geometry_verdicts(geometry: GeometryResult, limits: Limits) -> tuple[Verdict
             value=_ONCE_IN_A_HUNDRED * max(_length_sigma_percent(geometry), _place_sigma_percent(geometry)),
             unit="%",
         ),
+        *_off_walls(geometry),
         *_right_angles(geometry),
         *_rests_on_right_angles(geometry),
         *focus_verdicts(geometry.stripes_times),
+    )
+
+
+def _off_walls(geometry: GeometryResult) -> tuple[Verdict, ...]:
+    """Return how far walls that are a little askew are from the box that stands for them; nothing of square ones."""
+    percent = 100 * geometry.off_walls_m / max(geometry.room_size_m)
+    if percent < _SQUARE_PERCENT:
+        return ()
+    return (
+        Verdict(
+            what="geometry: how far the measured walls are off the box that stands for them",
+            value=percent,
+            limit=_MOST_OFF_PERCENT,
+            unit="% of the room",
+            advice="a wall leans, or a corner is not square, and a box stands elsewhere than the walls: model them as "
+            'they are ([surface] kind = "free"), or aim at walls that are square',
+        ),
     )
 
 

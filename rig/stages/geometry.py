@@ -95,6 +95,8 @@ class BoxSurface(Record):
     """Faces that the model has."""
     angle_error_deg: float
     """Largest deviation of a measured plane from its axis."""
+    off_m: float = 0.0
+    """How far what was measured of the walls lies off them: 95 % of the points by no more."""
     notes: str
     """What was assumed, in words."""
 
@@ -350,7 +352,12 @@ def _record(
         cameras={profile.camera.name: DeviceGeometry.of(box.camera, pair.camera_rms_px)},
         projectors={profile.projector.name: DeviceGeometry.of(box.projector, pair.projector_rms_px)},
         surface=BoxSurface(
-            size_m=box.size_m, seen=box.seen, faces=box.faces, angle_error_deg=box.angle_error_deg, notes=box.notes
+            size_m=box.size_m,
+            seen=box.seen,
+            faces=box.faces,
+            angle_error_deg=box.angle_error_deg,
+            off_m=box.off_m,
+            notes=box.notes,
         ),
         baseline_m=pair.baseline,
         rms_px=pair.rms_px,

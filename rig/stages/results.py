@@ -38,6 +38,8 @@ class GeometryResult(Record):
     faces_seen: tuple[str, ...]
     room_notes: str
     """What was assumed of the room, in words."""
+    off_walls_m: float = 0.0
+    """How far what was measured of the walls lies off the box that stands for them: 95 % of the points by no more."""
     sigmas: Mapping[str, float]
     """Standard deviations: lens terms [px or 1]; what ends in _m or _deg, of poses and lengths, in that unit."""
     right_angle_sigmas: float | None = None

@@ -175,6 +175,7 @@ def _box(geometry: GeometryRecord, shift_m: Point) -> RoomBox:
         camera=camera,
         projector=projector,
         angle_error_deg=surface.angle_error_deg,
+        off_m=surface.off_m,
         notes=surface.notes,
     )
 
