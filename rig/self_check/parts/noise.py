@@ -83,9 +83,11 @@ def check_noise(tested: RigUnderTest, curve: CameraCurve, step_dn: float) -> Par
         ),
         Verdict(what="dark pixels at 0", value=100 * at_zero, limit=100 * _BLACK_CLIP, unit="% of all", advice=cut),
     )
-    suggested = {"camera.full_well_e": _three_digits(full_well_e)}
-    if not clipped:
-        suggested["camera.read_noise_e"] = _three_digits(transfer.read_noise_e)
+    suggested = {}
+    if transfer.chi2 <= tested.limits.photon_transfer_chi2:
+        suggested["camera.full_well_e"] = _three_digits(full_well_e)
+        if not clipped:
+            suggested["camera.read_noise_e"] = _three_digits(transfer.read_noise_e)
     numbers = Noise(
         gain_e_per_dn=transfer.gain_e_per_dn,
         gain_95_percent=_TAIL * transfer.gain_sigma_e_per_dn,

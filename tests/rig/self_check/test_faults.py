@@ -392,3 +392,15 @@ def test_overscan_is_found() -> None:
     checked = Checked(only=["checker"], codes=overscanned)
     assert checked.row("light of the picture's edge").value < 0.2
     assert all(share < 0.2 for share in checked.numbers("checker")["edges"].values())
+
+
+def test_noise_of_compressed_pictures_is_said_to_be_none_and_suggested_to_no_profile() -> None:
+    checked = Checked(
+        ("channels = 1\nbit_depth = 12", "channels = 1\nbit_depth = 8"),
+        ("black_level_dn = 64.0", "black_level_dn = 6.0\njpeg_quality = 80"),
+        only=["noise"],
+    )
+    row = checked.row("photon transfer off a straight line")
+    assert not row.met
+    assert "compression (MJPG)" in row.advice
+    assert not {"camera.full_well_e", "camera.read_noise_e"} & set(checked.result.suggested)
