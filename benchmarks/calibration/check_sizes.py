@@ -5,7 +5,8 @@
 
 Rigs are those of `random_rigs.py` with the same seeds and effects. Frames are the light on the simulated sensor,
 places what a code of usual noise finds: what is left is the method's own error, from lenses whose blur is no Gaussian,
-and from light of other walls that changes from check to check. The ratio is that of a check and the picture's blur.
+and from light of other walls that changes from check to check. The ratio is that of a check and the picture's blur, by
+these checks. The code's stripes have to tell that blur before, from one noisy frame each: `--noise` is of white.
 """
 
 from __future__ import annotations
@@ -22,9 +23,10 @@ from numpy.typing import NDArray
 from random_profiles import EFFECTS, rig_of
 
 from calibration.light.blur import fit_point_spread
-from calibration.light.check_size import blur_of_picture_px
+from calibration.light.check_size import blur_of_picture_px, stripes_that_tell
 from calibration.light.separation import separate_by_pattern
 from calibration.structured_light.correspondence import Correspondence
+from calibration.structured_light.gray import gray_code_patterns
 from calibration.structured_light.patterns import checker_patterns
 from rig.devices.simulated.rigs import simulated_worlds_of
 from rig.devices.simulated.world import SimulatedWorld
@@ -82,6 +84,17 @@ class SeenWorld:
             separated_share=float(told.sum() / lit.sum()),
         )
 
+    def blur_by_stripes_px(self, noise_share: float) -> float:
+        """What the code's stripes tell, with noise of so much of the brightest light."""
+        shape, found = self.world.projector.shape, self.correspondence
+        stripes = stripes_that_tell(list(gray_code_patterns(shape)))
+        white = self.above_black(np.full(shape, 255, np.uint8))
+        random = np.random.default_rng(self.world.settings.seed)
+        sigma = noise_share * float(np.quantile(white, 0.98))
+        frames = [self.above_black(p.codes) + random.normal(0, sigma, white.shape).astype(np.float32) for p in stripes]
+        lit = found.valid & (white > LIT * np.median(white[found.valid]))
+        return blur_of_picture_px(fit_point_spread(frames, [p.codes for p in stripes], found, lit), found, lit)
+
 
 def seen_world(seed: int, effects: Sequence[str]) -> SeenWorld:
     """Of one random rig."""
@@ -99,16 +112,18 @@ def main(given: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("seeds", type=int, nargs="+")
     parser.add_argument("--effects", nargs="*", choices=EFFECTS, default=[])
+    parser.add_argument("--noise", type=float, default=0.01)
     parser.add_argument("--sizes", type=int, nargs="+", default=[8, 10, 12, 16, 20])
     arguments = parser.parse_args(given)
-    print(" seed  check px  ratio  direct %  global %  separated")
+    print(" seed  check px  blur px  ratio  direct %  global %  separated")
     for seed in arguments.seeds:
         world = seen_world(seed, arguments.effects)
+        print(f"{seed:5d}  stripes  {world.blur_by_stripes_px(arguments.noise):8.2f}", flush=True)
         for size_px in arguments.sizes:
             one = world.bias(size_px)
             print(
-                f"{seed:5d}  {size_px:8d}  {size_px / one.blur_px:5.1f}  {one.direct_percent:8.2f}  "
-                f"{one.global_percent:8.2f}  {one.separated_share:9.3f}",
+                f"{seed:5d}  {size_px:8d}  {one.blur_px:7.2f}  {size_px / one.blur_px:5.1f}  "
+                f"{one.direct_percent:8.2f}  {one.global_percent:8.2f}  {one.separated_share:9.3f}",
                 flush=True,
             )
 
