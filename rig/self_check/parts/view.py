@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from calibration.arrays import BoolArray, FloatArray
 from calibration.geometry.pinhole import world_rays
+from calibration.light.overshoot import overshoot_percent, side_px
 from calibration.radiometry.photon_transfer import fit_camera_noise
 from calibration.radiometry.response import Response
 from calibration.structured_light.correspondence import Correspondence, PixelReason
@@ -68,6 +69,9 @@ class View(Record):
     """Share of the camera's pixels by reason."""
     sharpness: float
     """Contrast of the session's checks, share of full."""
+    overshoot_percent: float | None = None
+    """By how much more direct light there is beside the edges of large checks than in their middles; None where the
+    camera sees too little of them."""
     stripes_times: int = 1
     """How many times as wide as the code's own stripes were, because the lenses blur these away."""
     walls: tuple[str, ...]
@@ -90,6 +94,9 @@ def check_view(tested: RigUnderTest, curve: CameraCurve, sweep: Sweep) -> PartRe
     decoded = _decoded(tested, radiometric, curve)
     correspondence = decoded.correspondence
     lit, sharpness = _lit_and_sharp(tested, curve)
+    size_px = side_px(correspondence)
+    first, second = _checker_and_complement(tested, curve, size_px, "view-large-checker")
+    overshoot = overshoot_percent(np.abs(first - second), correspondence, size_px)
     geometry, reason = _geometry(tested, decoded)
     valid = correspondence.valid
     view = View(
@@ -98,6 +105,7 @@ def check_view(tested: RigUnderTest, curve: CameraCurve, sweep: Sweep) -> PartRe
         decoded_share_of_lit=float((valid & lit).sum() / max(int(lit.sum()), 1)),
         reasons={code.name.lower(): float((correspondence.reason == code).mean()) for code in PixelReason},
         sharpness=sharpness,
+        overshoot_percent=overshoot,
         stripes_times=decoded.stripes_times,
         walls=geometry.surface.seen if geometry else (),
         parallax_deg=_parallax_deg(geometry, correspondence) if geometry else None,
@@ -136,6 +144,16 @@ def _verdicts(tested: RigUnderTest, view: View) -> tuple[Verdict, ...]:
             unit="of full",
             at_least=True,
             advice="focus the projector, then the camera; or set patterns.checker_size_px higher",
+        ),
+        Verdict(
+            what="sharpening: light beside the edges of checks over that in their middles",
+            value=None if view.overshoot_percent is None else max(view.overshoot_percent, 0.0),
+            limit=limits.overshoot_percent,
+            unit="%",
+            advice="the camera sees too little of the picture to tell"
+            if view.overshoot_percent is None
+            else "the camera or the projector sharpens its pictures, which biases direct light in a session: set its "
+            "sharpness (detail, edge enhancement, picture style) to the least, or take raw frames",
         ),
         *focus_verdicts(view.stripes_times),
         Verdict(
@@ -242,13 +260,20 @@ def _lit_and_sharp(tested: RigUnderTest, curve: CameraCurve) -> tuple[BoolArray,
     edges of checks first.
     """
     size_px = tested.rig.profile.patterns.checker_size_px
-    boards = [checker(tested.picture_shape, size_px, (0, shift_px)) for shift_px in (size_px, 0)]
-    first, second = (_light(tested, curve, board, f"view-checker-{k}") for k, board in enumerate(boards))
+    first, second = _checker_and_complement(tested, curve, size_px, "view-checker")
     change = np.abs(first - second)
     around = 2 * round(_CHECKS_AROUND * size_px * change.shape[1] / tested.picture_shape[1] / 2) + 1
     direct = cv2.dilate(cv2.medianBlur(change.astype(np.float32), 3), np.ones((around, around), np.uint8))
     lit = np.asarray(direct > _LIT * np.quantile(direct, 0.95))
     return lit, float((change[lit] / direct[lit]).mean())
+
+
+def _checker_and_complement(
+    tested: RigUnderTest, curve: CameraCurve, size_px: int, name: str
+) -> tuple[FloatArray, FloatArray]:
+    boards = [checker(tested.picture_shape, size_px, (0, shift_px)) for shift_px in (size_px, 0)]
+    first, second = (_light(tested, curve, board, f"{name}-{k}") for k, board in enumerate(boards))
+    return first, second
 
 
 def _light(tested: RigUnderTest, curve: CameraCurve, codes: NDArray[np.uint8], name: str) -> FloatArray:

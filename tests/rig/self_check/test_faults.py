@@ -163,6 +163,19 @@ def test_a_projector_out_of_focus_is_seen_before_a_session() -> None:
     assert "focus the projector" in checked.row("stripes of the code, wider than usual").advice
 
 
+def test_a_camera_that_sharpens_its_pictures_is_named_before_a_session_is_biased_by_it() -> None:
+    def sharpened(frame: RawFrame) -> RawFrame:
+        picture = frame.pixels.astype(np.float32)
+        soft = cv2.GaussianBlur(picture, (0, 0), 1.2).reshape(picture.shape)
+        return replace(frame, pixels=np.clip(np.rint(1.6 * picture - 0.6 * soft), 0, 4095).astype(np.uint16))
+
+    what = "sharpening: light beside the edges of checks"
+    row = Checked(only=["view"], pixels=sharpened).row(what)
+    assert not row.met
+    assert "set its sharpness" in row.advice
+    assert Checked(only=["view"]).row(what).met
+
+
 @pytest.mark.parametrize(("tone", "gamma"), [('"srgb"', 2.03), ("2.2", 2.2)])
 def test_a_webcam_with_a_tone_curve_passes_and_its_sensor_is_seen_through_it(tone: str, gamma: float) -> None:
     checked = Checked(
