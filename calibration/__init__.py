@@ -38,9 +38,10 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from calibration.errors import CalibrationError
     from calibration.geometry.epipolar import NominalIntrinsics
+    from calibration.geometry.known.scale import scale_from_baseline
     from calibration.geometry.pinhole import PinholeModel
     from calibration.geometry.room import RoomBox, room_from_stereo
-    from calibration.geometry.stereo import StereoCalibration, calibrate_stereo, scale_from_baseline
+    from calibration.geometry.stereo import StereoCalibration, calibrate_stereo
     from calibration.geometry.triangulation import triangulate
     from calibration.lenses.calibrate import LensRequest, calibrate_lenses
     from calibration.lenses.records import BoardSightings
@@ -82,7 +83,7 @@ _HOMES = {
     "flat": "structured_light.patterns",
     "refine_subpixel": "structured_light.subpixel",
     "room_from_stereo": "geometry.room",
-    "scale_from_baseline": "geometry.stereo",
+    "scale_from_baseline": "geometry.known.scale",
     "separate": "light.separation",
     "transfer_points": "radiometry.photon_transfer",
     "triangulate": "geometry.triangulation",

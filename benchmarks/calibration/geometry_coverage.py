@@ -6,8 +6,9 @@ Rigs: ci-tiny with other noise (`--tiny`), and random rigs (random_rigs.py) with
 of 256 x 192. Correspondences are cast exactly, read as whole codes with the noise of 12 or of 8 bits, and refined
 as in a session; lengths by tape are off as random_rigs.py draws them. Shapes: corners of 95 to 140 degrees, leaning
 walls, cylinders, domes, and balls in the corner, seen by ci-tiny's devices, with right angles promised and without;
-their tape runs between the spots as they lie there. `--drawn` draws more of them, with and without `size_m`. A result
-is wrong, too, if its walls are not where the lit points are (balls apart, which no wall stands for).
+their tape runs between the spots as they lie there. `--drawn` draws more of them, with and without `size_m`; `--askew`
+draws rooms whose walls stand 0.3 degrees off square, and profiles that say so. A result is wrong, too, if its walls are
+not where the lit points are (balls apart, which no wall stands for).
 """
 
 from __future__ import annotations
@@ -21,11 +22,12 @@ from pathlib import Path
 
 import numpy as np
 import random_profiles
-from geometry_shapes import SHAPES, drawn_shape, with_tape
+from geometry_shapes import SHAPES, askew_room, drawn_shape, with_tape
 from geometry_worlds import CodeNoise, Shape, box, exact_map, measured, points_of
 from numpy.typing import NDArray
 
 from calibration.errors import CalibrationError
+from calibration.geometry.known.right_angles import USUAL_ASKEW_DEG
 from calibration.geometry.pinhole import PinholeModel, vector_of, world_rays
 from calibration.geometry.room import FACES
 from rig.devices.simulated.optics import SimulatedOptics, make_optics, pixels_of
@@ -61,7 +63,7 @@ class Outcome:
     share_off: float
     """Largest error of a length, by the room's size."""
     share_sigma: float
-    """Largest sigma of one."""
+    """Largest sigma of one, and of what the camera's turn moves at the room's far end."""
 
     @property
     def told(self) -> str:
@@ -83,15 +85,14 @@ class Outcome:
         return off > SIGMAS or self.share_off > max(SHARE, SIGMAS * self.share_sigma)
 
 
-def cases(rigs: int, tiny: int, seed: int, *, shapes: bool, drawn: int) -> Iterator[Case]:
+def cases(rigs: int, tiny: int, seed: int, *, shapes: bool, drawn: int, askew: int) -> Iterator[Case]:
     """Rigs of both kinds with both noises, then shapes, then shapes that are drawn."""
     profile = load_profile("ci-tiny")
     noises = list(NOISE)
     for k in range(tiny):
         yield Case(name=f"tiny {seed + k}", profile=profile, shape=None, noise=noises[k % 2], seed=seed + k)
     for k in range(rigs):
-        text = random_profiles.rig_of(seed + k, shapes=random_profiles.SMALL)
-        rig = Profile.parse(text.encode(), Path(f"random-{seed + k}.toml"))
+        rig = _random_rig(seed + k)
         yield Case(name=f"random {seed + k}", profile=rig, shape=None, noise=noises[k % 2], seed=seed + k)
     if shapes:
         for name, shape in SHAPES.items():
@@ -103,11 +104,38 @@ def cases(rigs: int, tiny: int, seed: int, *, shapes: bool, drawn: int) -> Itera
         right_angles, sized = random.integers(0, 2, 2).astype(bool)
         title = f"{k}: {name}" + ("" if sized else ", without size_m")
         yield _before(shape, title, profile, k, right_angles=bool(right_angles), sized=bool(sized))
+    for k in range(seed, seed + askew):
+        yield _askew(_random_rig(k) if k % 2 else profile, k)
 
 
-def _before(shape: Shape, name: str, profile: Profile, seed: int, *, right_angles: bool, sized: bool = True) -> Case:
+def _random_rig(seed: int) -> Profile:
+    text = random_profiles.rig_of(seed, shapes=random_profiles.SMALL)
+    return Profile.parse(text.encode(), Path(f"random-{seed}.toml"))
+
+
+def _askew(profile: Profile, seed: int) -> Case:
+    """Devices of a profile in its room, each of whose walls stands a little off square."""
+    if profile.simulation is None:
+        raise ValueError(f"{profile.path}: not a simulated rig")
+    settings, random = profile.simulation, np.random.default_rng([seed, 33])
+    camera_m = make_optics(settings.camera, profile.camera.shape[:2]).position_m
+    shape = askew_room(np.array(settings.size_m), camera_m, USUAL_ASKEW_DEG, random)
+    return _before(shape, f"askew {seed}", profile, seed, right_angles=True, askew_deg=USUAL_ASKEW_DEG)
+
+
+def _before(
+    shape: Shape,
+    name: str,
+    profile: Profile,
+    seed: int,
+    *,
+    right_angles: bool,
+    sized: bool = True,
+    askew_deg: float = 0.0,
+) -> Case:
     """Devices of a profile before a shape, whose owner promises right angles or not."""
-    update: dict[str, object] = {"right_angles": right_angles} | ({} if sized else {"size_m": None})
+    update: dict[str, object] = {"right_angles": right_angles, "askew_deg": askew_deg}
+    update |= {} if sized else {"size_m": None}
     other = profile.model_copy(update={"surface": profile.room.model_copy(update=update)})
     other = with_tape(other, shape, np.random.default_rng([seed, 32]))
     title = name if right_angles else f"{name}, free"
@@ -202,8 +230,13 @@ def compared(
         refused="",
         sigmas_off={key: (a - b) / max(sigma[key], 1e-12) for key, (a, b) in (values | lengths | turns).items()},
         share_off=max(abs(a - b) for a, b in lengths.values()) / extent,
-        share_sigma=max(sigma[key] for key in lengths) / extent,
+        share_sigma=max(*(sigma[key] / extent for key in lengths), _turn_sigma(sigma)),
     )
+
+
+def _turn_sigma(sigma: Mapping[str, float]) -> float:
+    """By what share of its distance the camera's turn leaves a place open."""
+    return float(np.radians(max(sigma.get(f"camera_rotation_{axis}_deg", 0.0) for axis in "xyz")))
 
 
 def _surfaces(
@@ -252,8 +285,10 @@ def main() -> int:
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--no-shapes", action="store_true")
     parser.add_argument("--drawn", type=int, default=0, help="shapes that are drawn at random")
+    parser.add_argument("--askew", type=int, default=0, help="rooms whose walls stand off square, as profiles say")
     wanted = parser.parse_args()
-    todo = list(cases(wanted.rigs, wanted.tiny, wanted.seed, shapes=not wanted.no_shapes, drawn=wanted.drawn))
+    counts = {"drawn": wanted.drawn, "askew": wanted.askew}
+    todo = list(cases(wanted.rigs, wanted.tiny, wanted.seed, shapes=not wanted.no_shapes, **counts))
     found = []
     with ProcessPoolExecutor(wanted.jobs) as executor:
         for one in executor.map(outcome_of, todo):

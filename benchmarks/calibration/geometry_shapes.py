@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping
 
 import numpy as np
@@ -50,6 +51,19 @@ def drawn_shape(random: np.random.Generator) -> tuple[str, Shape]:
     size = round(float(random.uniform(0.15, 0.9)), 2)
     at = np.append(random.uniform(2.6, 4.8 - size, 2), random.uniform(size, 2.4 - size))
     return f"ball of {size} m at {np.round(at, 2).tolist()}", Shape(walls=ROOM.walls, balls=(Round(at, size),))
+
+
+def askew_room(size_m: FloatArray, camera_m: FloatArray, askew_deg: float, random: np.random.Generator) -> Shape:
+    """Return a box each of whose walls is turned about the foot of the camera's perpendicular, by chance."""
+    walls = []
+    for axis, side in itertools.product(range(3), (-1, 1)):
+        normal, foot = np.zeros(3), np.array(camera_m)
+        normal[axis], foot[axis] = side, max(side, 0) * size_m[axis]
+        others = np.delete(np.arange(3), axis)
+        normal[others] = random.normal(0, np.radians(askew_deg), 2)
+        normal /= np.linalg.norm(normal)
+        walls.append(HalfSpace(normal, float(normal @ foot)))
+    return Shape(walls=tuple(walls), is_box=False)
 
 
 def _corner(angle_deg: float) -> Shape:

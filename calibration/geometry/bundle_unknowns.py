@@ -5,7 +5,7 @@ Lens terms are shares of what the data sheet says, so all unknowns are of order 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -24,7 +24,7 @@ CAMERA, PROJECTOR = slice(0, _N), slice(_N, 2 * _N)
 ROTATION, TRANSLATION = slice(2 * _N, 2 * _N + 3), slice(2 * _N + 3, 2 * _N + 6)
 TURN = slice(2 * _N + 6, 2 * _N + 9)
 PLANES = 2 * _N + 9
-"""Where the planes begin: one unknown of a plane on an axis, three of a free one."""
+"""Where the planes begin: one unknown of a plane that is exactly across an axis, three of any other."""
 _EXPECTED = (1.0, 0.5, 0.5, 0.0, 0.0, 0.0, 0.0, 0.0)
 _CAMERA_CENTRE, _PROJECTOR_CENTRE = (0.03, 0.03), (0.10, 0.40)
 """What mounting leaves open; the projector's lens may be shifted upwards."""
@@ -61,8 +61,8 @@ def unknowns_of(scene: PlanarScene, nominal: NominalIntrinsics) -> FloatArray:
         return [model.focal_px[0] / focal_px, x / model.width_px, y / model.height_px, *model.distortion]
 
     offsets = [
-        [float(plane @ scene.axes.directions[axis])] if axis >= 0 else plane.tolist()
-        for plane, axis in zip(scene.planes, scene.axes.of_plane, strict=True)
+        plane.tolist() if free else [float(plane @ scene.axes.directions[axis])]
+        for plane, axis, free in zip(scene.planes, scene.axes.of_plane, scene.axes.turns_freely, strict=True)
     ]
     lenses = [lens(scene.camera, nominal.camera_focal_px), lens(scene.projector, nominal.projector_focal_px)]
     pose = [vector_of(scene.projector.rotation), scene.projector.translation_m]
@@ -72,7 +72,7 @@ def unknowns_of(scene: PlanarScene, nominal: NominalIntrinsics) -> FloatArray:
 def scene_of(z: FloatArray, axes: Axes, nominal: NominalIntrinsics) -> PlanarScene:
     """Scene of a vector of unknowns, which turns the axes that are given."""
     camera, projector = devices_of(z, nominal)
-    turned = Axes(_directions(z, axes), axes.of_plane)
+    turned = replace(axes, directions=_directions(z, axes))
     return PlanarScene(camera=camera, projector=projector, planes=planes_of(z, axes), axes=turned)
 
 
@@ -118,23 +118,52 @@ def planes_of(z: FloatArray, axes: Axes) -> FloatArray:
     """(K, 3) planes of a vector of unknowns, as normal / offset."""
     directions = _directions(z, axes)
     planes = np.empty((len(axes.of_plane), 3))
-    at = PLANES
-    for k, axis in enumerate(axes.of_plane):
-        planes[k] = z[at] * directions[axis] if axis >= 0 else z[at : at + 3]
-        at += 1 if axis >= 0 else 3
+    for k, at in enumerate(_places(axes)):
+        planes[k] = z[at] if axes.turns_freely[k] else z[at] * directions[axes.of_plane[k]]
     return planes
 
 
-def priors_of(n: int, nominal: NominalIntrinsics, variance_px2: float) -> Priors:
-    """What is known of n unknowns, against points of a variance [px²] that are independent.
+def _places(axes: Axes) -> list[slice]:
+    """Of each plane's unknowns among all."""
+    ends = PLANES + np.cumsum(np.where(axes.turns_freely, 3, 1))
+    return [slice(int(a), int(b)) for a, b in zip((PLANES, *ends), ends, strict=False)]
 
-    Of lenses that boards measured, all of their covariance; of others what data sheets and mounting say.
+
+def priors_of(scene: PlanarScene, nominal: NominalIntrinsics, variance_px2: float) -> Priors:
+    """What is known of the unknowns near a scene, against points of a variance [px²] that are independent.
+
+    Of lenses that boards measured, all of their covariance; of others what data sheets and mounting say. Of walls how
+    far from square they may stand.
     """
-    expected, precision = np.zeros(n), np.zeros((n, n))
+    return _priors(scene, *expected_lenses(nominal), variance_px2)
+
+
+def _priors(scene: PlanarScene, expected: FloatArray, covariance: FloatArray, variance_px2: float) -> Priors:
+    """Of lenses what is expected, (16,) with its covariance; of walls how far from square they may stand."""
+    precision = _known_of_tilts(scene)
     lenses = slice(CAMERA.start, PROJECTOR.stop)
-    expected[lenses], covariance = expected_lenses(nominal)
     precision[lenses, lenses] = np.linalg.inv(covariance)
-    return Priors(expected, precision, variance_px2)
+    return Priors(np.append(expected, np.zeros(len(precision) - lenses.stop)), precision, variance_px2)
+
+
+def _known_of_tilts(scene: PlanarScene) -> FloatArray:
+    """(n, n) precision of the unknowns, that tilts are 0 by a standard deviation; zeros where walls are exactly square.
+
+    The tilt of a plane p against an axis e that it lies along is p . e / |p|. Near the scene it is straight in the
+    plane, and in the turn w of the axes, by which e becomes e + w x e.
+    """
+    axes, places = scene.axes, _places(scene.axes)
+    n = places[-1].stop if places else PLANES
+    slopes = [np.zeros(n)]
+    for plane, axis, at in zip(scene.planes, axes.of_plane, places, strict=True):
+        if axis < 0 or axes.askew_rad <= 0:
+            continue
+        for along in np.delete(axes.directions, axis, axis=0):
+            slope = np.zeros(n)
+            slope[at] = along / np.linalg.norm(plane)
+            slope[TURN] = np.cross(along, plane) / np.linalg.norm(plane)
+            slopes.append(slope / axes.askew_rad)
+    return np.asarray(np.transpose(slopes) @ slopes)
 
 
 def expected_lenses(nominal: NominalIntrinsics) -> tuple[FloatArray, FloatArray]:
@@ -158,13 +187,10 @@ def _sheet_sigmas(nominal: NominalIntrinsics) -> tuple[list[float], list[float]]
     )
 
 
-def wide_priors(n: int, nominal: NominalIntrinsics, variance_px2: float) -> Priors:
+def wide_priors(scene: PlanarScene, nominal: NominalIntrinsics, variance_px2: float) -> Priors:
     """Priors about the lenses that are expected, which are known no better than by data sheets."""
-    sigma = np.full(n, np.inf)
-    sigma[CAMERA], sigma[PROJECTOR] = _sheet_sigmas(nominal)
-    expected = np.zeros(n)
-    expected[: PROJECTOR.stop] = expected_lenses(nominal)[0]
-    return Priors.independent(expected, sigma, variance_px2)
+    sigma = np.concatenate(_sheet_sigmas(nominal))
+    return _priors(scene, expected_lenses(nominal)[0], np.diag(sigma**2), variance_px2)
 
 
 def _lens_sigma(focal_px: float, shape: tuple[int, int], centre: tuple[float, float]) -> list[float]:

@@ -116,7 +116,7 @@ def _before_held_planes(
     stays = np.bincount(fit.fit_label, minlength=len(fit.planes)) > 0
     if stays.all() or stays.sum() < 2:
         return fit
-    axes = Axes(fit.axes.directions, fit.axes.of_plane[stays])
+    axes = replace(fit.axes, of_plane=fit.axes.of_plane[stays])
     return adjust(x1, x2, fit.with_planes(fit.planes[stays], axes), nominal, rounds=rounds, weight=weight) or fit
 
 
@@ -276,13 +276,15 @@ def check_right_angles(held: BundleSolution, free: BundleSolution) -> float:
     if _is_one_data_sheet(held):
         check_data_sheets(held, np.sqrt(np.diag(held.covariance)))
     on_axes = np.flatnonzero(held.axes.of_plane >= 0).tolist()
+    within = f" to within {np.degrees(held.axes.askew_rad):g} degrees" if held.axes.askew_rad else ""
     across = [(a, b) for a, b in combinations(on_axes, 2) if held.axes.of_plane[a] != held.axes.of_plane[b]]
     free = refit(free.error, free, variance)
     worst = max(angles_of(free, across), key=lambda angle: abs(angle.angle_deg - 90) / angle.sigma_deg)
     raise CalibrationError(
-        "the walls are not at right angles: a fit without right angles explains the points and hfov_deg better by "
-        f"{sigmas:.0f} sigma, the limit is {SIGMAS:g}; {_told(worst)}. Check hfov_deg of both devices; if it is right "
-        "and the walls are not square, set right_angles = false"
+        f"the walls are not at right angles{within}: a fit without right angles explains the points and hfov_deg "
+        f"better by {sigmas:.0f} sigma, the limit is {SIGMAS:g}; {_told(worst)}. Check hfov_deg of both devices; if it "
+        "is right, say how far from square the walls stand (askew_deg; 0.3 in usual houses), or set right_angles = "
+        "false"
     )
 
 
@@ -349,7 +351,8 @@ def check_data_sheets(solution: BundleSolution, sigma: FloatArray) -> None:
         f"the {name}'s focal length comes out {found[worst]:.2f} +- {own[worst]:.2f} times, that of the other device "
         f"{found[1 - worst]:.2f} +- {own[1 - worst]:.2f} times what hfov_deg says, which is taken to be true to "
         f"{100 * FOCAL_SIGMA:g} %: {max(*np.abs(off), together):.0f} sigma, the limit is {SIGMAS:g}. Check hfov_deg "
-        "(zoom, crop, horizontal or diagonal); if it is right, the walls are not at right angles (right_angles = false)"
+        "(zoom, crop, horizontal or diagonal); if it is right, the walls are not at right angles (askew_deg says how "
+        "far off, right_angles = false by anything)"
     )
 
 

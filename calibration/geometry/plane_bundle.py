@@ -139,7 +139,7 @@ def adjust(
     """
     scene, axes = start, start.axes
     z = unknowns_of(start, nominal)
-    priors = priors_of(len(z), nominal, rounds.variance_px2)
+    priors = priors_of(start, nominal, rounds.variance_px2)
     margin_px = rounds.margin_share * nominal.projector_shape[1]
     weight = np.ones_like(x2) if weight is None else weight
     for limit_px in rounds.limits_px:
@@ -172,7 +172,7 @@ def refit(
 ) -> BundleSolution:
     """Fit once more, to the same points on the same planes, from a start whose axes are those of the error."""
     z = unknowns_of(start, error.nominal)
-    priors = priors or priors_of(len(z), error.nominal, variance_px2)
+    priors = priors or priors_of(start, error.nominal, variance_px2)
     fit = robust_fit(error, z, priors, iterations=_REFIT, least_scale_px=_LEAST_SCALE_PX)
     scene = scene_of(fit.z, error.axes, error.nominal)
     return BundleSolution(

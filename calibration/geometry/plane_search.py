@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import chain
 
 import numpy as np
@@ -154,7 +154,7 @@ def without_tangents(
     stays = ~bending_planes(fit, x1, x2)
     if stays.all() or stays.sum() < 2:
         return None
-    axes = Axes(fit.axes.directions, fit.axes.of_plane[stays])
+    axes = replace(fit.axes, of_plane=fit.axes.of_plane[stays])
     rounds = Rounds(limits_px=(1.5, 1.0), iterations=12)
     return adjust(x1, x2, fit.with_planes(fit.planes[stays], axes), nominal, rounds=rounds, weight=weight)
 
@@ -210,7 +210,7 @@ def let_askew(
     for k in may_go:
         if of_plane[k] < 0 or (of_plane == of_plane[k]).sum() < 2:
             continue
-        axes = Axes(fit.axes.directions, np.where(np.arange(len(of_plane)) == k, -1, of_plane))
+        axes = replace(fit.axes, of_plane=np.where(np.arange(len(of_plane)) == k, -1, of_plane))
         rounds = Rounds(limits_px=(1.5, 1.0), iterations=12)
         freed = adjust(x1, x2, fit.with_planes(fit.planes, axes), nominal, rounds=rounds, weight=weight)
         if freed is not None:
@@ -359,7 +359,7 @@ def _without_phantoms(
             break
         if stays.sum() < 2:
             return None
-        axes = Axes(solution.axes.directions, solution.axes.of_plane[stays])
+        axes = replace(solution.axes, of_plane=solution.axes.of_plane[stays])
         solution = adjust(x1, x2, solution.with_planes(solution.planes[stays], axes), nominal, rounds=rounds)
     return solution
 

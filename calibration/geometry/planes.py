@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import combinations, product
 
 import numpy as np
@@ -108,6 +108,14 @@ class Axes:
     """(3, 3) orthonormal rows."""
     of_plane: IntArray
     """(K,) 0, 1, 2, or -1 for a plane that fits none."""
+    askew_rad: float = 0.0
+    """By which planes on an axis stand off square, one standard deviation of each of a plane's two tilts; 0: by
+    nothing."""
+
+    @property
+    def turns_freely(self) -> BoolArray:
+        """(K,) planes that are not exactly perpendicular to an axis."""
+        return np.asarray((self.of_plane < 0) | (self.askew_rad > 0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -293,7 +301,7 @@ def axis_hypotheses(planes: FloatArray, axes: Axes) -> list[Axes]:
     for choice in product(*options):
         of_plane = axes.of_plane.copy()
         of_plane[unknown] = choice
-        found.append(Axes(axes.directions, of_plane))
+        found.append(replace(axes, of_plane=of_plane))
     return found
 
 

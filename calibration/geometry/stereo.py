@@ -9,15 +9,14 @@ lengths, and all terms of both lenses become determined.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import islice
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from calibration.arrays import FloatArray, IntArray
+from calibration.arrays import FloatArray
 from calibration.errors import CalibrationError
 from calibration.geometry.bundle_unknowns import PlanarScene, lens_sigmas, scene_of
 from calibration.geometry.contradictions import hold_against_all
@@ -29,11 +28,10 @@ from calibration.geometry.flat.rivals import uncontradicted_rival
 from calibration.geometry.flat.third_wall import WeighedPoints, weights_of, with_third_wall
 from calibration.geometry.known.contradiction import OtherLens, contradiction, hold_against_boards
 from calibration.geometry.known.lenses import KnownLenses
-from calibration.geometry.known.right_angles import by_askew_walls
+from calibration.geometry.known.right_angles import by_askew_walls, found_square
 from calibration.geometry.noise import standard_deviations
 from calibration.geometry.pinhole import PinholeModel, project, world_rays
 from calibration.geometry.plane_bundle import BundleSolution
-from calibration.geometry.plane_search import candidates
 from calibration.geometry.planes import Axes, ExplainedPixels
 
 MIN_POINTS = 500
@@ -142,6 +140,7 @@ def calibrate_stereo(
     nominal: NominalIntrinsics,
     *,
     right_angles: bool = True,
+    askew_deg: float = 0.0,
     one_wall: bool = False,
     sigma_px: FloatArray | None = None,
     beside: int = 0,
@@ -157,7 +156,9 @@ def calibrate_stereo(
     nominal : NominalIntrinsics
         Of both lenses.
     right_angles : bool
-        Planes that are nearly perpendicular are exactly so.
+        Planes that are nearly perpendicular are so.
+    askew_deg : float
+        By which they are not exactly so: standard deviation of each of a plane's two tilts. [degrees]
     one_wall : bool
         One flat wall may be all that there is: lenses then rest on the data sheets.
     sigma_px : (N, 2), optional
@@ -192,7 +193,8 @@ def calibrate_stereo(
     every = WeighedPoints(camera_xy_px[order], projector_xy_px[order], weights_of(sigma_px, order, usual_of=fitted))
     report = on_step or (lambda _done, _total: None)
     seen = partial(_calibrated, every, fitted=fitted, averaged_px2=averaged_px2)
-    how = partial(seen, right_angles=right_angles, one_wall=one_wall, report=report)
+    walls = partial(found_square, right_angles=right_angles, askew_deg=askew_deg)
+    how = partial(seen, walls=walls, one_wall=one_wall, report=report)
     if nominal.sheets is None:
         return how(nominal)
     try:
@@ -225,7 +227,7 @@ def _calibrated(
     nominal: NominalIntrinsics,
     *,
     fitted: int,
-    right_angles: bool,
+    walls: Callable[..., Iterator[BundleSolution]],
     one_wall: bool,
     report: Callable[[int, int], None],
     averaged_px2: float,
@@ -237,7 +239,7 @@ def _calibrated(
     if flat is not None:
         return replace(_finished(flat.solution, x1, x2, nominal), notes=flat.notes)
     report(1, 3)
-    bundles = candidates(x1, x2, nominal, right_angles=right_angles)
+    bundles = walls(x1, x2, nominal)
     first = next(bundles)
     report(2, 3)
     x2 = without_averaging(x1, x2, first, averaged_px2)
@@ -256,101 +258,6 @@ def _calibrated(
     report(3, 3)
     found = _finished(resting.solution, resting.points.camera_xy_px, resting.points.projector_xy_px, nominal)
     return replace(found, right_angle_sigmas=final.right_angle_sigmas)
-
-
-def _scaled(stereo: StereoCalibration, factor: float) -> StereoCalibration:
-    """Multiply every length by a factor."""
-    devices = (stereo.camera, stereo.projector)
-    camera, projector = (replace(device, translation_m=device.translation_m * factor) for device in devices)
-    return replace(stereo, camera=camera, projector=projector, planes=stereo.planes / factor)
-
-
-def scale_from_baseline(stereo: StereoCalibration, baseline_m: float) -> StereoCalibration:
-    """Put a calibration into metres by the distance of the two lenses.
-
-    Parameters
-    ----------
-    stereo : StereoCalibration
-        Of any unit of length.
-    baseline_m : float
-        Distance of the two centres of projection. [m]
-
-    Returns
-    -------
-    StereoCalibration
-        In metres.
-    """
-    return _scaled(stereo, baseline_m / stereo.baseline)
-
-
-def scale_from_spots(stereo: StereoCalibration, spots_px: ArrayLike, distance_m: float) -> StereoCalibration:
-    """Put a calibration into metres by the distance between the spots that two projector pixels light on the planes.
-
-    Parameters
-    ----------
-    stereo : StereoCalibration
-        Of any unit of length.
-    spots_px : (2, 2)
-        Projector column and row of the spots. [px]
-    distance_m : float
-        Between the spots. [m]
-
-    Returns
-    -------
-    StereoCalibration
-        In metres.
-
-    Raises
-    ------
-    CalibrationError
-        If nothing was measured around a spot, or both are one place.
-    """
-    pixels = np.asarray(spots_px, dtype=np.float64)
-    unknown = np.flatnonzero(_planes_at(stereo, pixels) < 0)
-    if len(unknown):
-        named = " and ".join(f"({x:g}, {y:g})" for x, y in pixels[unknown])
-        raise CalibrationError(
-            f"spot {named} px of [scale] spots_px has no measured wall around it: the camera does not see there what "
-            "the projector lights, or no wall explains it; choose spots on bare walls that the camera sees, and measure"
-        )
-    spots = points_of_projector_pixels(stereo, pixels)
-    measured = float(np.linalg.norm(spots[1] - spots[0]))
-    if measured < 1e-6:
-        raise CalibrationError("the two spots of [scale] spots_px are one place; choose two far apart")
-    return _scaled(stereo, distance_m / measured)
-
-
-def points_of_projector_pixels(stereo: StereoCalibration, xy_px: FloatArray) -> FloatArray:
-    """Find the surface points that projector pixels light: on the plane of the correspondences around them.
-
-    Parameters
-    ----------
-    stereo : StereoCalibration
-        With planes.
-    xy_px : (N, 2)
-        Projector pixels. [px]
-
-    Returns
-    -------
-    (N, 3)
-        In the camera's frame; NaN where nothing that was measured tells the plane.
-    """
-    origin, rays = stereo.projector.position_m, world_rays(stereo.projector, xy_px)
-    which = _planes_at(stereo, xy_px)
-    planes = np.where((which >= 0)[:, None], stereo.planes[which], np.nan)
-    along = (1 - planes @ origin) / (rays * planes).sum(axis=1)
-    with np.errstate(invalid="ignore"):
-        return np.asarray(np.where((along > 0)[:, None], origin + along[:, None] * rays, np.nan))
-
-
-def _planes_at(stereo: StereoCalibration, xy_px: FloatArray) -> IntArray:
-    """(N,) plane that projector pixels light: of the points around, or of the nearest if their ray meets it first."""
-    around, beside = stereo.explained.plane_at(xy_px), stereo.explained.plane_beside(xy_px)
-    origin, rays = stereo.projector.position_m, world_rays(stereo.projector, xy_px)
-    with np.errstate(divide="ignore"):
-        along = (1 - stereo.planes @ origin)[None, :] / (rays @ stereo.planes.T)
-    first = np.where(along > 0, along, np.inf).argmin(axis=1)
-    return np.where(around >= 0, around, np.where(beside == first, beside, -1))
 
 
 def _check_count(n: int) -> None:

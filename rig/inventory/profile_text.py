@@ -8,6 +8,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
+from calibration.geometry.known.right_angles import USUAL_ASKEW_DEG
 from rig.devices.genicam.formats import PIXEL_FORMATS as GENICAM_FORMATS
 from rig.devices.protocols import ExposureRange
 from rig.devices.v4l2.controls import exposure_range_of
@@ -182,6 +183,7 @@ def _surface_entries() -> list[ProfileLine]:
     return [
         ProfileLine("kind", "box", "chosen: a room, or a corner of one"),
         ProfileLine("closed", False, f"{MEASURE}: true if light comes back from all sides"),
+        ProfileLine("askew_deg", USUAL_ASKEW_DEG, "chosen: as walls of usual houses stand; 0: exactly square"),
         ProfileLine("# size_m", (4.0, 5.0, 2.5), "if you measure the room by tape (x ends at the wall on the right)"),
         ProfileLine("# lens_height_m", 1.2, "if you measure the projector's lens above the floor"),
     ]

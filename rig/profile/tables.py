@@ -31,6 +31,7 @@ MOST_PX = 128 << 20
 
 MetresByTape = Annotated[float, Field(gt=0), plausible(0.01, 30, "metres, not centimetres or millimetres?")]
 MetresOfWall = Annotated[float, Field(gt=0), plausible(0.05, 200, "metres, not centimetres or millimetres?")]
+DegreesAskew = Annotated[float, Field(ge=0, le=2)]
 DegreesOfView = Annotated[float, Field(gt=0, lt=180), plausible(2, 175, "degrees, not radians?")]
 SecondsOfExposure = Annotated[float, Field(gt=0), plausible(1e-6, 600, "seconds, not milliseconds or microseconds?")]
 Multiple = Annotated[float, Field(gt=0), plausible(1e-3, 1000, "times camera.exposure_s, not seconds?")]
@@ -236,9 +237,16 @@ class Room(Table):
     """Of the projector's lens above the floor, by tape, true to 0.3 %: places an unseen floor, holds a seen one."""
     patch_size_m: MetresOfPatch = 0.3
     right_angles: bool = True
+    askew_deg: DegreesAskew = 0.0
+    """By which walls at right angles stand off square, one standard deviation; 0: by nothing. Houses: 0.3."""
 
     @model_validator(mode="after")
-    def _has_few_patches(self) -> Room:
+    def _is_possible(self) -> Room:
+        if self.askew_deg and not self.right_angles:
+            raise ValueError(
+                f"askew_deg = {self.askew_deg:g} says how far right angles are off, right_angles = false that there "
+                "are none: leave out one of them"
+            )
         if self.size_m is not None:
             check_patches(self.size_m, self.patch_size_m, "patch_size_m")
         return self

@@ -65,7 +65,8 @@ WORDS: Mapping[str, str] = {
         "A fit without right angles explains them better by so many standard deviations; 4 are refused."
     ),
     "geometry: what the least certain length or place is off by, if walls are 0.3° askew": (
-        "Right angles that the profile promises are taken as exact; this is what rests on them, beside the uncertainty."
+        "Right angles that the profile promises are taken as exact; this is what rests on them, beside the "
+        "uncertainty. With surface.askew_deg they are not, and it is part of the uncertainty."
     ),
     "geometry: directions in which a wall's place is guessed": "Along these nobody saw or measured where walls are.",
     "stripes of the code, wider than usual": "The lenses blur the code's own stripes away: places are rougher.",

@@ -144,7 +144,8 @@ def _rests_on_right_angles(geometry: GeometryResult) -> tuple[Verdict, ...]:
             what=f"geometry: what the least certain length or place is off by, if walls are {USUAL_ASKEW_DEG:g}° askew",
             value=percent,
             unit="%",
-            advice=f"right_angles = true is taken as exact: {_SURER}",
+            advice="right_angles = true is taken as exact; say how far from square walls may stand "
+            f"(surface.askew_deg), and it counts in all uncertainties. To make it less: {_SURER}",
         ),
     )
 

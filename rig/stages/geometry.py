@@ -12,11 +12,12 @@ from calibration.errors import CalibrationError
 from calibration.geometry.contradictions import MOST_DISTANCE_SIGMA
 from calibration.geometry.flat.misfit import check_walls_fit
 from calibration.geometry.known.lengths import Figures, TapedCalibration
-from calibration.geometry.known.tape import check_against_tape, check_lens_height
+from calibration.geometry.known.scale import scale_from_baseline, scale_from_spots
+from calibration.geometry.known.tape import check_against_tape, check_lens_height, tape_sigma_shares
 from calibration.geometry.noise import plus_minus
 from calibration.geometry.pinhole import PinholeModel, vector_of
 from calibration.geometry.room import RoomBox, room_from_stereo
-from calibration.geometry.stereo import StereoCalibration, calibrate_stereo, scale_from_baseline, scale_from_spots
+from calibration.geometry.stereo import StereoCalibration, calibrate_stereo
 from calibration.structured_light.consistency.map_noise import map_noise_px, most_left_px
 from calibration.structured_light.correspondence import Correspondence
 from calibration.structured_light.subpixel import WINDOW_VARIANCE_PX2
@@ -128,9 +129,9 @@ class GeometryRecord(Record):
 def geometry_settings(session: Session) -> JsonObject:
     """Return what step `geometry` depends on."""
     profile = session.profile
-    unused = {"patch_size_m", "file", "unit", "up", "also"} | (
-        {"lens_height_m"} if profile.room.lens_height_m is None else set()
-    )
+    unused = {"patch_size_m", "file", "unit", "up", "also"}
+    unused |= {"lens_height_m"} if profile.room.lens_height_m is None else set()
+    unused |= {"askew_deg"} if not profile.room.askew_deg else set()
     return {
         "hfov_deg": [profile.camera.hfov_deg, profile.projector.hfov_deg],
         **({"lenses": lenses} if (lenses := lens_settings(profile)) else {}),
@@ -182,6 +183,7 @@ def geometry_of(
         correspondence.projector_xy_px[rows, columns].astype(np.float64),
         nominal_lenses(profile),
         right_angles=profile.room.right_angles,
+        askew_deg=profile.room.askew_deg,
         one_wall=not profile.room.closed,
         sigma_px=None if sigma is None else sigma[rows, columns].astype(np.float64),
         beside=int(beside.sum()),
@@ -193,27 +195,33 @@ def geometry_of(
     sigmas = _sigmas(taped, profile, room)
     check_walls_fit(room.pair, most_left_px(map_noise_px(correspondence.projector_xy_px)))
     check_devices_placed(room.box, sigmas, room.pair.baseline)
-    askew = _askew_sigmas(taped, profile, room) if any(axis >= 0 for axis in taped.pair.axes) else None
+    exact = any(axis >= 0 for axis in taped.pair.axes) and not profile.room.askew_deg
+    askew = _askew_sigmas(taped, profile, room) if exact else None
     return _record(profile, room, {**taped.pair.sigmas, **sigmas}, askew)
+
+
+def tape_sigmas(profile: Profile) -> NDArray[np.float64]:
+    """Return the standard deviations of lengths by tape, as shares: (5,) scale, the room's three, lens height."""
+    return tape_sigma_shares(TAPE_SIGMA, profile.room.size_m, profile.room.lens_height_m, profile.room.askew_deg)
 
 
 def _held_to_tape(apart: TapedCalibration, profile: Profile) -> TapedCalibration:
     """Refuse lengths by tape that contradict the points; hold the points to those that they tell, too."""
-    size_m, height_m = profile.room.size_m, profile.room.lens_height_m
+    size_m, height_m, shares = profile.room.size_m, profile.room.lens_height_m, tape_sigmas(profile)
     room = _room(apart.pair, profile, apart.tape_errors)
     sigmas = _sigmas(apart, profile, room)
     sides = [] if size_m is None else room.box.lengths_measured
     if size_m is not None:
         size_sigma_m = np.array([sigmas.get(f"room_{axis}_m", np.inf) for axis in "xyz"])
-        check_against_tape(room.box, size_m, size_sigma_m, TAPE_SIGMA, right_angles=profile.room.right_angles)
+        check_against_tape(room.box, size_m, size_sigma_m, shares[1:4].tolist(), right_angles=profile.room.right_angles)
     has_height = height_m is not None and "floor" in room.box.seen
     if height_m is not None and has_height:
-        check_lens_height(room.box.projector.position_m[2], height_m, sigmas["projector_z_m"], TAPE_SIGMA)
+        check_lens_height(room.box.projector.position_m[2], height_m, sigmas["projector_z_m"], shares[4])
     told = [*sides, 3] if has_height else sides
     tape_m = np.array([*(size_m or (0.0, 0.0, 0.0)), height_m or 0.0])
 
     def differences(pair: StereoCalibration, tape_errors: NDArray[np.float64]) -> NDArray[np.float64]:
-        box, taped_m = _room(pair, profile, tape_errors).box, tape_m * (1 + TAPE_SIGMA * tape_errors[1:])
+        box, taped_m = _room(pair, profile, tape_errors).box, tape_m * (1 + shares[1:] * tape_errors[1:])
         off_m = np.array([*box.size_m, box.projector.position_m[2]]) - taped_m
         return np.asarray(off_m[told])
 
@@ -264,7 +272,7 @@ class _ScaledRoom:
 
 def _room(pair: StereoCalibration, profile: Profile, tape_errors: NDArray[np.float64]) -> _ScaledRoom:
     """Metres and box, if lengths by tape (scale, room's three, lens height) were so many sigmas longer, (5,)."""
-    longer = 1 + TAPE_SIGMA * tape_errors
+    longer = 1 + tape_sigmas(profile) * tape_errors
     scale, size_m = profile.scale, profile.room.size_m
     if scale.baseline_m is not None:
         pair = scale_from_baseline(pair, scale.baseline_m * longer[0])

@@ -25,7 +25,6 @@ from calibration.geometry.epipolar import NominalIntrinsics
 from calibration.geometry.flat.third_wall import RestingOn, WeighedPoints, with_third_wall
 from calibration.geometry.pinhole import PinholeModel, world_rays
 from calibration.geometry.plane_bundle import BundleSolution, Rounds, adjust
-from calibration.geometry.planes import Axes
 from calibration.geometry.support import explained_within_px, plane_errors_px
 
 _SOME = 3000
@@ -143,7 +142,7 @@ def reversed_scene(fit: BundleSolution, x1: FloatArray, x2: FloatArray) -> Plana
     planes = 2 * towards.mean() * middle - fit.planes
     points = rays / (rays * planes[fit.label[on]]).sum(axis=1, keepdims=True)
     projector = _turned_to(fit.projector, -fit.projector.position_m, points, x2[on])
-    axes = Axes(_directions(planes, largest), fit.axes.of_plane)
+    axes = replace(fit.axes, directions=_directions(planes, largest))
     return PlanarScene(camera=fit.camera, projector=projector, planes=planes, axes=axes)
 
 

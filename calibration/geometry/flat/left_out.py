@@ -57,8 +57,8 @@ def check_none_left_out(solution: BundleSolution, x1: FloatArray, x2: FloatArray
         raise CalibrationError(
             f"{100 * share:.0f} % of the points, around camera pixel ({x:.0f}, {y:.0f}), lie on a flat wall that does "
             f"not go with the others, the limit is {100 * MOST_LEFT_OUT:.0f} %: it leans or stands askew, or hfov_deg "
-            "of a device is wrong. Check hfov_deg; if it is right, set right_angles = false, or aim at walls that are "
-            "square"
+            "of a device is wrong. Check hfov_deg; if it is right, say how far from square walls stand (askew_deg), "
+            "set right_angles = false, or aim at walls that are square"
         )
 
 

@@ -9,7 +9,7 @@ is looked for behind it.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -21,7 +21,6 @@ from calibration.geometry.bundle_unknowns import PlanarScene
 from calibration.geometry.contradictions import hold_against_all
 from calibration.geometry.epipolar import NominalIntrinsics
 from calibration.geometry.plane_bundle import BundleSolution, Rounds, adjust, transfer_of
-from calibration.geometry.planes import Axes
 from calibration.geometry.support import explained_within_px, plane_errors_px, side_by_side
 from calibration.geometry.triangulation import triangulate
 
@@ -195,7 +194,7 @@ def _strip(fit: BundleSolution, points: WeighedPoints) -> _WallStrip | None:
     own[rows] = _errors_px(fit, left, plane) < _REACHED * limit_px
     if side_by_side(x1, own) < enough or not _closes(fit, points.chosen(np.flatnonzero(best <= limit_px)), plane):
         return None
-    axes = Axes(fit.axes.directions, np.append(fit.axes.of_plane, axis))
+    axes = replace(fit.axes, of_plane=np.append(fit.axes.of_plane, axis))
     scene = fit.with_planes(np.vstack([fit.planes, plane]), axes)
     return _WallStrip(np.flatnonzero(own), scene, limit_px, closes_box=before is None)
 

@@ -39,7 +39,7 @@ def hold_against_boards(solution: BundleSolution) -> None:
     nominal, variance = solution.error.nominal, solution.fit.priors.weight
     if nominal.known.both == (None, None):
         return
-    free = refit(solution.error, solution, variance, priors=wide_priors(len(solution.fit.z), nominal, variance))
+    free = refit(solution.error, solution, variance, priors=wide_priors(solution, nominal, variance))
     told = contradiction(free.fit.z, free.covariance, nominal, nominal.known)
     if told:
         raise OtherLens(told)

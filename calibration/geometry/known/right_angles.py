@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
 
 from calibration.arrays import FloatArray
 from calibration.geometry.bundle_unknowns import PLANES, unknowns_of
+from calibration.geometry.epipolar import NominalIntrinsics
 from calibration.geometry.noise import covariance
 from calibration.geometry.plane_bundle import BundleSolution
+from calibration.geometry.plane_search import candidates
 
 USUAL_ASKEW_DEG = 0.3
 """By which walls of houses stand off square, one standard deviation: 5 mm in a metre, where DIN 18202 allows 8 mm
@@ -44,9 +47,34 @@ def by_askew_walls(bundle: BundleSolution, askew_deg: float = USUAL_ASKEW_DEG) -
     pull = (fit.jacobian * fit.weight[:, None]).reshape(n, -1)
     shifts = [np.zeros((n, 0))]
     for k, axis in enumerate(bundle.axes.of_plane):
-        if axis >= 0:
+        if axis >= 0 and not bundle.axes.turns_freely[k]:
             tilted = np.delete(bundle.axes.directions, axis, axis=0) * np.linalg.norm(bundle.planes[k])
             by_tilt = np.tensordot(tilted, by_plane[3 * k : 3 * k + 3], 1).reshape(2, -1)
             shifts.append(inverse @ pull @ by_tilt.T)
     shift = np.concatenate(shifts, axis=1) * np.radians(askew_deg)
     return np.asarray(shift @ shift.T)
+
+
+def found_square(
+    x1: FloatArray, x2: FloatArray, nominal: NominalIntrinsics, *, right_angles: bool, askew_deg: float
+) -> Iterator[BundleSolution]:
+    """Yield what the walls may be: searched for as exactly square ones, and free to stand askew from then on.
+
+    Parameters
+    ----------
+    x1, x2 : (N, 2)
+        Corresponding pixels in an order drawn by chance. [px]
+    nominal : NominalIntrinsics
+        Of both lenses.
+    right_angles : bool
+        Planes that are nearly perpendicular are so, ...
+    askew_deg : float
+        ... to within this: standard deviation of each of a plane's two tilts; 0: exactly. [degrees]
+
+    Yields
+    ------
+    BundleSolution
+        The most promising first.
+    """
+    for bundle in candidates(x1, x2, nominal, right_angles=right_angles):
+        yield replace(bundle, axes=replace(bundle.axes, askew_rad=float(np.radians(askew_deg))))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from calibration.arrays import FloatArray
@@ -9,12 +11,48 @@ from calibration.errors import CalibrationError
 from calibration.geometry.contradictions import SIGMAS
 from calibration.geometry.room import FACES, RoomBox
 
+_USUAL_SIDE_M = 4.0
+"""Of a room whose size nobody says."""
+
+
+def tape_sigma_shares(
+    share: float, size_m: tuple[float, float, float] | None, lens_height_m: float | None, askew_deg: float
+) -> FloatArray:
+    """Return how well lengths by tape stand for what is measured of walls: nowhere are askew ones equally far apart.
+
+    Parameters
+    ----------
+    share : float
+        Standard deviation of a length by tape, as a share of it.
+    size_m : (x, y, z), optional
+        Inner size of the room. [m]
+    lens_height_m : float, optional
+        Of the projector's lens above the floor. [m]
+    askew_deg : float
+        Standard deviation of each wall's two tilts. [degrees]
+
+    Returns
+    -------
+    (5,)
+        Of a length that does not end at two walls, of the three sides, of the lens above the floor; as shares of each.
+
+    Notes
+    -----
+    From the middle of a wall of a x b a place drawn at random is off by (a² + b²) / 12 in the mean square: so far apart
+    are where the tape was laid and where points were measured, on each of the walls at its ends.
+    """
+    sides = np.full(3, _USUAL_SIDE_M) if size_m is None else np.array(size_m)
+    aside = np.radians(askew_deg) * np.sqrt(((sides**2).sum() - sides**2) / 12)
+    height_m = sides[2] if lens_height_m is None else lens_height_m
+    by_walls = [0.0, *(np.sqrt(2) * aside / sides), aside[2] / height_m]
+    return np.asarray(np.hypot(share, by_walls))
+
 
 def check_against_tape(
     box: RoomBox,
     size_m: tuple[float, float, float],
     sigma_m: FloatArray,
-    tape_sigma_share: float,
+    tape_sigma_shares: Sequence[float],
     *,
     right_angles: bool = False,
 ) -> None:
@@ -28,8 +66,8 @@ def check_against_tape(
         By tape measure. [m]
     sigma_m : (3,)
         Standard deviations of the measured size, that of the scale included. [m]
-    tape_sigma_share : float
-        Standard deviation of a length by tape, as a share of it.
+    tape_sigma_shares : sequence of 3
+        Standard deviations of the lengths by tape, as shares of them.
     right_angles : bool
         Whether walls were held at right angles: then that may be what is wrong.
 
@@ -38,10 +76,10 @@ def check_against_tape(
     CalibrationError
         With both lengths, if they are more than four of their common standard deviations apart.
     """
-    square = ", or walls are not square that are taken for it (right_angles = false)" if right_angles else ""
+    square = ", or walls are not square that are taken for it (askew_deg, right_angles = false)" if right_angles else ""
     for k in box.lengths_measured:
         measured, tape, sigma = box.size_m[k], size_m[k], float(sigma_m[k])
-        own = tape_sigma_share * tape
+        own = tape_sigma_shares[k] * tape
         apart = _sigmas_apart(measured - tape, sigma, own)
         if apart > SIGMAS:
             raise CalibrationError(

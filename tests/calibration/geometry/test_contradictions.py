@@ -22,12 +22,13 @@ from calibration.geometry.contradictions import (
 )
 from calibration.geometry.flat import rivals
 from calibration.geometry.flat.left_out import check_none_left_out
+from calibration.geometry.known.scale import scale_from_spots
 from calibration.geometry.noise import covariance, observation_variance
 from calibration.geometry.pinhole import PinholeModel
 from calibration.geometry.plane_bundle import refit, transfer_of
 from calibration.geometry.planes import Axes, ExplainedPixels
 from calibration.geometry.robust_fit import Priors, robust_fit
-from calibration.geometry.stereo import StereoCalibration, scale_from_spots
+from calibration.geometry.stereo import StereoCalibration
 from calibration.geometry.support import bends_of, exclusive_points, mixed_share, plane_errors_px, standing_planes
 
 WALLS = {"x0": 0, "x1": 0, "y0": 1, "y1": 1, "floor": 2, "ceiling": 2}

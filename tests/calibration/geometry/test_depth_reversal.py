@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from calibration.errors import CalibrationError
-from calibration.geometry import stereo
 from calibration.geometry.flat.depth_reversal import reversed_fit, reversed_scene, unheld_reversal
 from calibration.geometry.flat.third_wall import WeighedPoints
+from calibration.geometry.known import right_angles
 from calibration.geometry.plane_search import candidates
 from calibration.geometry.stereo import calibrate_stereo
 
@@ -43,7 +43,7 @@ def shuffled(room, step_px=1):
 
 def begun_inside_out(monkeypatch, wrong):
     """Let the search end in the other room."""
-    monkeypatch.setattr(stereo, "candidates", lambda *_, **__: iter([wrong]))
+    monkeypatch.setattr(right_angles, "candidates", lambda *_, **__: iter([wrong]))
 
 
 def side(pair_or_fit):
@@ -145,7 +145,7 @@ def test_a_search_that_took_a_corner_for_its_reversal_comes_back(corner, both_co
         other = unheld_reversal(found, WeighedPoints(x1, x2, np.ones_like(x1)), nominal)
         yield min((found, other), key=lambda fit: side(fit) @ true_side(corner))
 
-    monkeypatch.setattr(stereo, "candidates", inside_out)
+    monkeypatch.setattr(right_angles, "candidates", inside_out)
     pair = calibrate_stereo(points.camera_xy_px, points.projector_xy_px, corner.nominal)
     assert side(pair) @ true_side(corner) > 0.98
     assert pair.camera.focal_px[0] == pytest.approx(509.2, rel=0.02)

@@ -8,10 +8,11 @@ import pytest
 from calibration.errors import CalibrationError
 from calibration.geometry.bundle_unknowns import PlanarScene
 from calibration.geometry.flat import rivals
+from calibration.geometry.known.scale import scale_from_baseline
 from calibration.geometry.plane_bundle import Rounds, adjust
 from calibration.geometry.planes import Axes
 from calibration.geometry.room import room_from_stereo
-from calibration.geometry.stereo import calibrate_stereo, scale_from_baseline
+from calibration.geometry.stereo import calibrate_stereo
 
 NOISE_PX = 0.1
 

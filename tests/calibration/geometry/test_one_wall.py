@@ -5,9 +5,10 @@ import pytest
 
 from calibration.errors import CalibrationError
 from calibration.geometry.epipolar import NominalIntrinsics
+from calibration.geometry.known.scale import scale_from_baseline
 from calibration.geometry.pinhole import PinholeModel, project, rotation_of, vector_of, world_rays
 from calibration.geometry.room import room_from_stereo
-from calibration.geometry.stereo import calibrate_stereo, scale_from_baseline
+from calibration.geometry.stereo import calibrate_stereo
 
 NOMINAL = NominalIntrinsics.of(
     camera_shape=(960, 1280), projector_shape=(768, 1024), camera_hfov_deg=70.0, projector_hfov_deg=50.0

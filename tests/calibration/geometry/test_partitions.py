@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 
 from calibration.geometry.bundle_unknowns import PlanarScene
+from calibration.geometry.known.scale import scale_from_baseline
 from calibration.geometry.pinhole import PinholeModel
 from calibration.geometry.planes import Axes
 from calibration.geometry.room import room_from_stereo
-from calibration.geometry.stereo import calibrate_stereo, scale_from_baseline
+from calibration.geometry.stereo import calibrate_stereo
 from calibration.geometry.support import bending_planes
 
 PARTITION_X_M, PARTITION_END_Y_M = 2.6, 2.35

@@ -4,12 +4,8 @@ import numpy as np
 import pytest
 
 from calibration.errors import CalibrationError
-from calibration.geometry.stereo import (
-    calibrate_stereo,
-    points_of_projector_pixels,
-    scale_from_baseline,
-    scale_from_spots,
-)
+from calibration.geometry.known.scale import points_of_projector_pixels, scale_from_baseline, scale_from_spots
+from calibration.geometry.stereo import calibrate_stereo
 
 
 def calibrated(room, step_px=4, **options):

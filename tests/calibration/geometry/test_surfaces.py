@@ -212,9 +212,9 @@ def test_a_large_panel_is_not_left_out_of_a_model_of_walls_alone(room):
 
 def test_a_length_by_tape_that_contradicts_what_was_measured_is_refused_with_both(room):
     box = room_from_stereo(true_pair(room, ("x1", "y1", "floor", "ceiling")), SIZE_M)
-    check_against_tape(box, (9.9, 4.8, 2.41), np.full(3, 0.01), 0.003)
+    check_against_tape(box, (9.9, 4.8, 2.41), np.full(3, 0.01), [0.003] * 3)
     with pytest.raises(CalibrationError, match=r"2\.400 \+- 0\.010 m along z .* 2\.680 .* sigma apart, the limit is 4"):
-        check_against_tape(box, (4.8, 4.8, 2.68), np.full(3, 0.01), 0.003)
+        check_against_tape(box, (4.8, 4.8, 2.68), np.full(3, 0.01), [0.003] * 3)
 
 
 @pytest.mark.parametrize("right_angles", [True, False])
@@ -222,7 +222,7 @@ def test_right_angles_are_named_as_a_cause_only_where_walls_were_held_at_them(ro
     """A corner of 95 degrees that is held at 90 is 7 % too high, and its points do not tell."""
     box = room_from_stereo(true_pair(room, ("x1", "y1", "floor", "ceiling")), SIZE_M)
     with pytest.raises(CalibrationError) as refusal:
-        check_against_tape(box, (4.8, 4.8, 2.24), np.full(3, 0.01), 0.003, right_angles=right_angles)
+        check_against_tape(box, (4.8, 4.8, 2.24), np.full(3, 0.01), [0.003] * 3, right_angles=right_angles)
     assert ("right_angles = false" in str(refusal.value)) is right_angles
 
 
@@ -232,7 +232,7 @@ def test_right_angles_are_named_as_a_cause_only_where_walls_were_held_at_them(ro
 def test_two_walls_that_the_tape_contradicts_may_be_those_of_a_corner(room, seen, may_be_a_corner):
     box = replace(room_from_stereo(true_pair(room, ("x1", "y1", "floor")), SIZE_M), seen=(*seen, "floor", "ceiling"))
     with pytest.raises(CalibrationError) as refused:
-        check_against_tape(box, (2.1, 4.8, 1.9), np.full(3, 0.01), 0.003, right_angles=True)
+        check_against_tape(box, (2.1, 4.8, 1.9), np.full(3, 0.01), [0.003] * 3, right_angles=True)
     assert ("meet at a corner" in str(refused.value)) == may_be_a_corner
 
 

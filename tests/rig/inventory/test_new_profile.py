@@ -60,6 +60,7 @@ def test_what_may_be_measured_of_the_room_has_its_line_and_is_no_guess_until_som
     write_profile(ProfileRequest(path=path), finders())
     room = load_profile(path).room
     assert (room.size_m, room.lens_height_m) == (None, None)
+    assert room.askew_deg == 0.3, "a real room; a simulated one is square"
     path.write_text(path.read_text("utf-8").replace("# size_m", "size_m").replace("# lens_height_m", "lens_height_m"))
     room = load_profile(path).room
     assert room.size_m == (4.0, 5.0, 2.5)

@@ -90,6 +90,12 @@ def test_all_mistakes_are_reported_at_once() -> None:
         ),
         ("distance_m = 4.876", "distance_m = 4.876\ndistance_mm = 4876", "did you mean distance_m (metres)?"),
         ("schema = 2", "", "schema: missing"),
+        ("right_angles = true", "askew_deg = 3.0", "surface.askew_deg: is 3.0, should be less than or equal to 2"),
+        (
+            "right_angles = true",
+            "right_angles = false\naskew_deg = 0.3",
+            "surface: askew_deg = 0.3 says how far right angles are off, right_angles = false that there are none",
+        ),
     ],
 )
 def test_a_mistake_is_named(old: str, new: str, said: str) -> None:

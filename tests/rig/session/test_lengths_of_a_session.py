@@ -63,6 +63,16 @@ def test_a_scale_that_is_off_is_drawn_towards_what_the_other_tapes_say(
     assert abs(held.surface.size_m[2] - 2.4) < 3 * held.sigmas["room_z_m"]
 
 
+def test_walls_that_may_stand_askew_are_no_two_lengths_apart(finished: Finished, tiny_profile: Profile) -> None:
+    """A tape was laid at one place, points were measured at others."""
+    with pytest.raises(CalibrationError, match=r"2\.330 \+- 0\.007 m by \[surface\] size_m: 7 sigma"):
+        found(finished, tiny_profile, size_m=(4.8, 4.8, 2.33))
+    held = found(finished, tiny_profile, size_m=(4.8, 4.8, 2.33), askew_deg=0.3)
+    assert 2.33 < held.surface.size_m[2] < 2.4
+    assert held.askew_sigmas is None, "it is part of the sigmas"
+    assert held.sigmas["room_z_m"] > 1.2 * found(finished, tiny_profile).sigmas["room_z_m"]
+
+
 def test_a_lens_that_the_tape_puts_elsewhere_is_refused_with_both_heights(
     finished: Finished, tiny_profile: Profile
 ) -> None:

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from calibration.geometry.known.lengths import TapedCalibration
+from calibration.geometry.known.scale import scale_from_baseline
 from calibration.geometry.pinhole import PinholeModel
-from calibration.geometry.stereo import StereoCalibration, calibrate_stereo, scale_from_baseline
+from calibration.geometry.stereo import StereoCalibration, calibrate_stereo
 
 TAPE = 0.003
 """Standard deviation of a length by tape, share of it."""

@@ -1,0 +1,108 @@
+"""Metres for a calibration: by the distance of the lenses, or by that of two spots on the walls."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from calibration.arrays import FloatArray, IntArray
+from calibration.errors import CalibrationError
+from calibration.geometry.pinhole import world_rays
+from calibration.geometry.stereo import StereoCalibration
+
+
+def _scaled(stereo: StereoCalibration, factor: float) -> StereoCalibration:
+    """Multiply every length by a factor."""
+    devices = (stereo.camera, stereo.projector)
+    camera, projector = (replace(device, translation_m=device.translation_m * factor) for device in devices)
+    return replace(stereo, camera=camera, projector=projector, planes=stereo.planes / factor)
+
+
+def scale_from_baseline(stereo: StereoCalibration, baseline_m: float) -> StereoCalibration:
+    """Put a calibration into metres by the distance of the two lenses.
+
+    Parameters
+    ----------
+    stereo : StereoCalibration
+        Of any unit of length.
+    baseline_m : float
+        Distance of the two centres of projection. [m]
+
+    Returns
+    -------
+    StereoCalibration
+        In metres.
+    """
+    return _scaled(stereo, baseline_m / stereo.baseline)
+
+
+def scale_from_spots(stereo: StereoCalibration, spots_px: ArrayLike, distance_m: float) -> StereoCalibration:
+    """Put a calibration into metres by the distance between the spots that two projector pixels light on the planes.
+
+    Parameters
+    ----------
+    stereo : StereoCalibration
+        Of any unit of length.
+    spots_px : (2, 2)
+        Projector column and row of the spots. [px]
+    distance_m : float
+        Between the spots. [m]
+
+    Returns
+    -------
+    StereoCalibration
+        In metres.
+
+    Raises
+    ------
+    CalibrationError
+        If nothing was measured around a spot, or both are one place.
+    """
+    pixels = np.asarray(spots_px, dtype=np.float64)
+    unknown = np.flatnonzero(_planes_at(stereo, pixels) < 0)
+    if len(unknown):
+        named = " and ".join(f"({x:g}, {y:g})" for x, y in pixels[unknown])
+        raise CalibrationError(
+            f"spot {named} px of [scale] spots_px has no measured wall around it: the camera does not see there what "
+            "the projector lights, or no wall explains it; choose spots on bare walls that the camera sees, and measure"
+        )
+    spots = points_of_projector_pixels(stereo, pixels)
+    measured = float(np.linalg.norm(spots[1] - spots[0]))
+    if measured < 1e-6:
+        raise CalibrationError("the two spots of [scale] spots_px are one place; choose two far apart")
+    return _scaled(stereo, distance_m / measured)
+
+
+def points_of_projector_pixels(stereo: StereoCalibration, xy_px: FloatArray) -> FloatArray:
+    """Find the surface points that projector pixels light: on the plane of the correspondences around them.
+
+    Parameters
+    ----------
+    stereo : StereoCalibration
+        With planes.
+    xy_px : (N, 2)
+        Projector pixels. [px]
+
+    Returns
+    -------
+    (N, 3)
+        In the camera's frame; NaN where nothing that was measured tells the plane.
+    """
+    origin, rays = stereo.projector.position_m, world_rays(stereo.projector, xy_px)
+    which = _planes_at(stereo, xy_px)
+    planes = np.where((which >= 0)[:, None], stereo.planes[which], np.nan)
+    along = (1 - planes @ origin) / (rays * planes).sum(axis=1)
+    with np.errstate(invalid="ignore"):
+        return np.asarray(np.where((along > 0)[:, None], origin + along[:, None] * rays, np.nan))
+
+
+def _planes_at(stereo: StereoCalibration, xy_px: FloatArray) -> IntArray:
+    """(N,) plane that projector pixels light: of the points around, or of the nearest if their ray meets it first."""
+    around, beside = stereo.explained.plane_at(xy_px), stereo.explained.plane_beside(xy_px)
+    origin, rays = stereo.projector.position_m, world_rays(stereo.projector, xy_px)
+    with np.errstate(divide="ignore"):
+        along = (1 - stereo.planes @ origin)[None, :] / (rays @ stereo.planes.T)
+    first = np.where(along > 0, along, np.inf).argmin(axis=1)
+    return np.where(around >= 0, around, np.where(beside == first, beside, -1))
