@@ -27,8 +27,8 @@ from geometry_worlds import CodeNoise, Shape, box, exact_map, measured, points_o
 from numpy.typing import NDArray
 
 from calibration.errors import CalibrationError
-from calibration.geometry.known.right_angles import USUAL_ASKEW_DEG
 from calibration.geometry.pinhole import PinholeModel, vector_of, world_rays
+from calibration.geometry.planes import USUAL_ASKEW_DEG
 from calibration.geometry.room import FACES
 from rig.devices.simulated.optics import SimulatedOptics, make_optics, pixels_of
 from rig.profile.schema import Profile, load_profile

@@ -118,8 +118,8 @@ def planes_of(z: FloatArray, axes: Axes) -> FloatArray:
     """(K, 3) planes of a vector of unknowns, as normal / offset."""
     directions = _directions(z, axes)
     planes = np.empty((len(axes.of_plane), 3))
-    for k, at in enumerate(_places(axes)):
-        planes[k] = z[at] if axes.turns_freely[k] else z[at] * directions[axes.of_plane[k]]
+    for k, (at, free) in enumerate(zip(_places(axes), axes.turns_freely, strict=True)):
+        planes[k] = z[at] if free else z[at] * directions[axes.of_plane[k]]
     return planes
 
 

@@ -16,7 +16,7 @@ from calibration.geometry.flat.endless import check_walls_end
 from calibration.geometry.flat.left_out import MOST_LEFT_OUT, check_none_left_out
 from calibration.geometry.noise import covariance, observation_variance, plus_minus, standard_deviations
 from calibration.geometry.plane_bundle import MARGIN_SHARE, BundleSolution, Rounds, adjust, refit
-from calibration.geometry.planes import Axes
+from calibration.geometry.planes import USUAL_ASKEW_DEG, Axes
 from calibration.geometry.support import (
     bends_of,
     bows_to_the_edges_px,
@@ -283,8 +283,8 @@ def check_right_angles(held: BundleSolution, free: BundleSolution) -> float:
     raise CalibrationError(
         f"the walls are not at right angles{within}: a fit without right angles explains the points and hfov_deg "
         f"better by {sigmas:.0f} sigma, the limit is {SIGMAS:g}; {_told(worst)}. Check hfov_deg of both devices; if it "
-        "is right, say how far from square the walls stand (askew_deg; 0.3 in usual houses), or set right_angles = "
-        "false"
+        f"is right, say how far from square the walls stand (askew_deg; {USUAL_ASKEW_DEG:g} in usual houses), or set "
+        "right_angles = false"
     )
 
 

@@ -8,7 +8,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
-from calibration.geometry.known.right_angles import USUAL_ASKEW_DEG
+from calibration.geometry.planes import USUAL_ASKEW_DEG
 from rig.devices.genicam.formats import PIXEL_FORMATS as GENICAM_FORMATS
 from rig.devices.protocols import ExposureRange
 from rig.devices.v4l2.controls import exposure_range_of

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from calibration.geometry.known.right_angles import USUAL_ASKEW_DEG
+from calibration.geometry.planes import USUAL_ASKEW_DEG
 from calibration.light.check_size import large_enough_px
 from rig.profile.schema import Profile
 from rig.profile.tables import Limits

@@ -13,10 +13,7 @@ from calibration.geometry.epipolar import NominalIntrinsics
 from calibration.geometry.noise import covariance
 from calibration.geometry.plane_bundle import BundleSolution
 from calibration.geometry.plane_search import candidates
-
-USUAL_ASKEW_DEG = 0.3
-"""By which walls of houses stand off square, one standard deviation: 5 mm in a metre, where DIN 18202 allows 8 mm
-in one to three."""
+from calibration.geometry.planes import USUAL_ASKEW_DEG
 
 
 def by_askew_walls(bundle: BundleSolution, askew_deg: float = USUAL_ASKEW_DEG) -> FloatArray:

@@ -7,10 +7,10 @@ import pytest
 
 from calibration.geometry.bundle_residual import LandingError, rays_of
 from calibration.geometry.bundle_unknowns import CAMERA, PROJECTOR, ROTATION
-from calibration.geometry.known.right_angles import USUAL_ASKEW_DEG, by_askew_walls
+from calibration.geometry.known.right_angles import by_askew_walls
 from calibration.geometry.pinhole import rotation_of
 from calibration.geometry.plane_bundle import refit, transfer_of
-from calibration.geometry.planes import Axes
+from calibration.geometry.planes import USUAL_ASKEW_DEG, Axes
 from calibration.geometry.stereo import calibrate_stereo
 from calibration.geometry.support import plane_errors_px
 from tests.calibration.geometry.test_contradictions import FACES, WALLS, true_scene
