@@ -123,6 +123,15 @@ def world_rays(model: PinholeModel, xy_px: FloatArray | Float32Array, iterations
     return np.asarray(rays / np.linalg.norm(rays, axis=1, keepdims=True))
 
 
+def points_on_planes(model: PinholeModel, xy_px: FloatArray | Float32Array, planes: FloatArray) -> FloatArray:
+    """(N, 3) where the rays of pixels meet planes n . x = 1, (N, 3) one each; NaN for a ray that does not."""
+    origin, rays = model.position_m, world_rays(model, xy_px)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        along = (1 - planes @ origin) / (rays * planes).sum(axis=1)
+        met = np.isfinite(along) & (along > 0)
+        return np.asarray(np.where(met[:, None], origin + along[:, None] * rays, np.nan))
+
+
 def project(model: PinholeModel, points_m: FloatArray) -> FloatArray:
     """(N, 2) pixels of world points."""
     local = points_m @ model.rotation.T + model.translation_m

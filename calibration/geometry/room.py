@@ -11,7 +11,7 @@ import numpy as np
 from calibration.arrays import BoolArray, FloatArray
 from calibration.errors import CalibrationError
 from calibration.geometry.contradictions import SIGMAS
-from calibration.geometry.pinhole import PinholeModel, world_rays
+from calibration.geometry.pinhole import PinholeModel, points_on_planes
 from calibration.geometry.plane_search import MOST_SLANTED
 from calibration.geometry.planes import Axes, orthogonal_axes
 from calibration.geometry.stereo import StereoCalibration
@@ -167,10 +167,8 @@ def _wall_directions(stereo: StereoCalibration) -> FloatArray:
 
 def lit_points(stereo: StereoCalibration) -> FloatArray:
     """(M, 3) what the explained correspondences light."""
-    origin, rays = stereo.projector.position_m, world_rays(stereo.projector, stereo.explained.projector_xy_px)
     planes = stereo.planes[stereo.explained.plane]
-    along = (1 - planes @ origin) / (rays * planes).sum(axis=1)
-    return np.asarray(origin + along[:, None] * rays)
+    return points_on_planes(stereo.projector, stereo.explained.projector_xy_px, planes)
 
 
 def _on_axes(stereo: StereoCalibration, *, with_things: bool) -> StereoCalibration:

@@ -30,7 +30,7 @@ from calibration.geometry.known.contradiction import OtherLens, contradiction, h
 from calibration.geometry.known.lenses import KnownLenses
 from calibration.geometry.known.right_angles import by_askew_walls, found_square
 from calibration.geometry.noise import standard_deviations
-from calibration.geometry.pinhole import PinholeModel, project, world_rays
+from calibration.geometry.pinhole import PinholeModel, points_on_planes, project
 from calibration.geometry.plane_bundle import BundleSolution
 from calibration.geometry.planes import Axes, ExplainedPixels
 
@@ -272,8 +272,8 @@ def _finished(bundle: BundleSolution, x1: FloatArray, x2: FloatArray, nominal: N
     used = bundle.label >= 0
     planes = bundle.planes[bundle.label[used]]
     camera, projector = bundle.camera, bundle.projector
-    projector_rms = _rms(project(projector, _points_on_planes(camera, x1[used], planes)) - x2[used])
-    camera_rms = _rms(project(camera, _points_on_planes(projector, x2[used], planes)) - x1[used])
+    projector_rms = _rms(project(projector, points_on_planes(camera, x1[used], planes)) - x2[used])
+    camera_rms = _rms(project(camera, points_on_planes(projector, x2[used], planes)) - x1[used])
     return StereoCalibration(
         camera=camera,
         projector=projector,
@@ -294,12 +294,6 @@ def _finished(bundle: BundleSolution, x1: FloatArray, x2: FloatArray, nominal: N
             nominal=nominal,
         ),
     )
-
-
-def _points_on_planes(device: PinholeModel, xy_px: FloatArray, planes: FloatArray) -> FloatArray:
-    origin, rays = device.position_m, world_rays(device, xy_px)
-    along = (1 - planes @ origin) / np.maximum((rays * planes).sum(1), 1e-12)
-    return np.asarray(origin + along[:, None] * rays)
 
 
 def _rms(error: FloatArray) -> float:

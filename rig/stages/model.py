@@ -19,7 +19,7 @@ from rig.profile.schema import Profile
 from rig.records import JsonObject
 from rig.session import Session, Step
 from rig.stages.correspondence import load_correspondence, only, pair_of
-from rig.stages.geometry import load_geometry
+from rig.stages.geometry import load_geometry, tape_sigmas
 from rig.stages.light.between_patches import with_even_return
 from rig.stages.light.choice import FittedRoom, SplitLight, chosen_room
 from rig.stages.light.fit import (
@@ -195,7 +195,8 @@ def _placed(session: Session, seen: SeenInWhite, on_step: OnStep) -> tuple[Place
     """Walls that nobody measured: none in nearly all rooms."""
     record, box = load_geometry(session), session.profile.room
     axes = unmeasured_axes(record.surface, height_known=box.lens_height_m is not None)
-    return place_unseen_walls(record, axes, box.patch_size_m, seen=seen, on_step=on_step)
+    sizes_m = (tape_sigmas(session.profile)[1:4] * record.surface.size_m).tolist()
+    return place_unseen_walls(record, axes, box.patch_size_m, size_sigmas_m=sizes_m, seen=seen, on_step=on_step)
 
 
 def _of_white(

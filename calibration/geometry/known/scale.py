@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from calibration.arrays import FloatArray, IntArray
 from calibration.errors import CalibrationError
-from calibration.geometry.pinhole import world_rays
+from calibration.geometry.pinhole import points_on_planes, world_rays
 from calibration.geometry.stereo import StereoCalibration
 
 
@@ -90,12 +90,9 @@ def points_of_projector_pixels(stereo: StereoCalibration, xy_px: FloatArray) -> 
     (N, 3)
         In the camera's frame; NaN where nothing that was measured tells the plane.
     """
-    origin, rays = stereo.projector.position_m, world_rays(stereo.projector, xy_px)
     which = _planes_at(stereo, xy_px)
     planes = np.where((which >= 0)[:, None], stereo.planes[which], np.nan)
-    along = (1 - planes @ origin) / (rays * planes).sum(axis=1)
-    with np.errstate(invalid="ignore"):
-        return np.asarray(np.where((along > 0)[:, None], origin + along[:, None] * rays, np.nan))
+    return points_on_planes(stereo.projector, xy_px, planes)
 
 
 def _planes_at(stereo: StereoCalibration, xy_px: FloatArray) -> IntArray:

@@ -6,6 +6,7 @@ comes back from a floor depends on its height: with a wrong one no reflectance e
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,7 +15,7 @@ from scipy.optimize import minimize_scalar
 
 from calibration.light.reflectance import ReflectanceFit, ReflectanceSource
 from rig.records import Record
-from rig.stages.geometry import TAPE_SIGMA, BoxSurface, GeometryRecord
+from rig.stages.geometry import BoxSurface, GeometryRecord
 from rig.stages.light.fit import (
     LEAST_PIXELS,
     BandLight,
@@ -99,7 +100,13 @@ class SeenInWhite:
 
 
 def place_unseen_walls(
-    record: GeometryRecord, axes: tuple[str, ...], patch_size_m: float, *, seen: SeenInWhite, on_step: OnStep
+    record: GeometryRecord,
+    axes: tuple[str, ...],
+    patch_size_m: float,
+    *,
+    size_sigmas_m: Sequence[float],
+    seen: SeenInWhite,
+    on_step: OnStep,
 ) -> tuple[PlacedByLight, ...]:
     """Find the place of the walls along axes of which nobody saw any.
 
@@ -111,6 +118,8 @@ def place_unseen_walls(
         Of :func:`unmeasured_axes`; with several, each is found with those before it in their place.
     patch_size_m
         Of the model.
+    size_sigmas_m
+        Standard deviations of the room's size by tape: along x, y, z. [m]
     seen
         By the camera.
     on_step
@@ -123,12 +132,21 @@ def place_unseen_walls(
     """
     placed: tuple[PlacedByLight, ...] = ()
     for axis in axes:
-        placed = (*placed, _placed(record, axis, patch_size_m, seen=seen, before=shift_of(placed), on_step=on_step))
+        sigma_m = size_sigmas_m["xyz".index(axis)]
+        found = _placed(record, axis, patch_size_m, sigma_m, seen=seen, before=shift_of(placed), on_step=on_step)
+        placed = (*placed, found)
     return placed
 
 
 def _placed(
-    record: GeometryRecord, axis: str, patch_size_m: float, *, seen: SeenInWhite, before: Shift, on_step: OnStep
+    record: GeometryRecord,
+    axis: str,
+    patch_size_m: float,
+    by_tape_m: float,
+    *,
+    seen: SeenInWhite,
+    before: Shift,
+    on_step: OnStep,
 ) -> PlacedByLight:
     k = "xyz".index(axis)
     low, high = _possible(record, k, seen, before)
@@ -148,7 +166,7 @@ def _placed(
     minimize_scalar(cost, bounds=around, method="bounded", options={"maxiter": _REFINEMENTS, "xatol": 0.005})
     on_step("place walls that nobody saw by their light", total, total)
     shift_m = float(min(tried, key=lambda place: tried[place]))
-    sigma_m = float(np.hypot(_spread(tried, shift_m), TAPE_SIGMA * record.surface.size_m[k]))
+    sigma_m = float(np.hypot(_spread(tried, shift_m), by_tape_m))
     other = shift_m + sigma_m if shift_m + sigma_m <= high else shift_m - sigma_m
     room = bare_room(record, patch_size_m, _with(before, k, shift_m))
     return PlacedByLight(
