@@ -21,7 +21,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array, diags_array
 
-from calibration.light.transport.posterior import Photographs, TransportPosterior, TransportPrior, fitted
+from calibration.light.transport.posterior import Photographs, TransportPosterior, fitted
+from calibration.light.transport.prior import TransportPrior
 from rig.devices.simulated.pair import SimulatedPair
 from rig.devices.simulated.rigs import simulated_worlds_of
 from rig.profile.schema import Profile

@@ -38,7 +38,7 @@ class NextPhotograph:
 
 
 def next_photograph(
-    known: TransportPosterior, candidates: Pictures, usual: Pictures, noise_variance: FloatArray
+    known: TransportPosterior, candidates: FloatArray, usual: FloatArray, noise_variance: FloatArray
 ) -> NextPhotograph:
     """Choose the candidate after whose photograph usual pictures are known best.
 
@@ -46,10 +46,10 @@ def next_photograph(
     ----------
     known : TransportPosterior
         By the photographs so far.
-    candidates : Pictures
-        That could be shown.
-    usual : Pictures
-        That people show: what counts.
+    candidates : (N, J, D)
+        Pictures that could be shown, as `TransportPrior.of_one` has them: they need not be seen anew each time.
+    usual : (N, U, D)
+        Pictures that people show: what counts.
     noise_variance : (N,)
         Of one photograph at each place.
 
@@ -63,12 +63,13 @@ def next_photograph(
     variance of predictions (V-optimality).
     """
     prior = known.prior
-    asked, shown = (prior.features(each.lit, each.own) for each in (candidates, usual))
-    shared = shown @ asked.transpose(0, 2, 1) - _told(known, shown) @ _told(known, asked).transpose(0, 2, 1)
-    own = (asked**2).sum(axis=2) - (_told(known, asked) ** 2).sum(axis=2)
+    asked, shown = (prior.spread_over(each) for each in (candidates, usual))
+    told_asked, told_shown = _told(known, asked), _told(known, shown)
+    shared = shown @ asked.transpose(0, 2, 1) - told_shown @ told_asked.transpose(0, 2, 1)
+    own = (asked**2).sum(axis=2) - (told_asked**2).sum(axis=2)
     less = shared**2 / (np.maximum(own, 0.0) + noise_variance[:, None])[:, None, :]
     gain = less.mean(axis=(0, 1))
-    now = ((shown**2).sum(axis=2) - (_told(known, shown) ** 2).sum(axis=2)).mean()
+    now = ((shown**2).sum(axis=2) - (told_shown**2).sum(axis=2)).mean()
     best = int(gain.argmax())
     after = max(float(now - gain[best]), 0.0)
     return NextPhotograph(index=best, rms_now=float(np.sqrt(max(now, 0.0))), rms_after=float(np.sqrt(after)))

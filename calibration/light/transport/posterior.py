@@ -1,15 +1,8 @@
 """From a model's light transport and photographs of known pictures to a better one, with its uncertainty.
 
 At each of N places of the camera's picture global light is Σ T(l) u(l), u(l) the light on lit patch l as a share of
-white's. The model's row T₀ is wrong by
-
-    Δ(l) = s b(l) k(l)·z + s Σ g(l) z' + Σ λ ρ(l) z"  ,  z, z', z" of variance 1,
-
-relative errors that are alike for neighbouring patches (k, a factor of their covariance), ways of light that the model
-leaves out (g: gloss), and what the model's own parameters leave open (λ ρ, directions times their standard deviations).
-Direct light may be off, too: by h times the picture's share of white's direct light, less its share of white's global
-light, for white itself was measured. All of that is one linear regression a place, its unknowns of variance 1 before
-any photograph.
+white's; the model's row T₀ is wrong by what `calibration.light.transport.prior` says. All of that is one linear
+regression a place, its unknowns of variance 1 before any photograph.
 
 References
 ----------
@@ -20,7 +13,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +20,7 @@ from scipy.sparse import csr_array
 
 from calibration.arrays import FloatArray, IntArray
 from calibration.errors import CalibrationError
+from calibration.light.transport.prior import TransportPrior
 
 _AT_ONCE = 256
 """Places that are worked on together: their arrays stay within some tens of megabytes."""
@@ -35,55 +28,6 @@ _WHITE_SIGMA = 1e-3
 """Of white's global light, relative: it was measured, and the model is scaled to it."""
 _ROUNDS, _MOST_AT_ONCE, _SPREADS = 4, 3.0, (0.01, 3.0)
 """Rounds, the factor of one of them, and the range of a spread: a lobe may send thrice what a matte wall does."""
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class TransportPrior:
-    """What a model expects of N places' global light by L lit patches, and where it may be wrong."""
-
-    transport: FloatArray
-    """(N, L) T₀: light by each patch as white lights it."""
-    base: FloatArray
-    """(N, L) light that relative errors are of: T₀, but nowhere nothing."""
-    kernel: FloatArray
-    """(L, R) factor of the covariance of relative errors."""
-    spread: FloatArray
-    """(N,) their standard deviation."""
-    lobes: NDArray[np.floating[Any]]
-    """(N, M, L) light by ways that the model leaves out, of as much as `spread` of each."""
-    left: FloatArray
-    """(N, Q) light by the model's own open parameters, a standard deviation of each ..."""
-    right: FloatArray
-    """(Q, L) ... and by which patches."""
-    own: FloatArray
-    """(N,) standard deviation of white's direct light that is taken for global light."""
-
-    @property
-    def white(self) -> FloatArray:
-        """(N,) global light of white."""
-        return np.asarray(self.transport.sum(axis=1))
-
-    def at(self, places: IntArray | slice) -> TransportPrior:
-        """Return some of the places."""
-        names = ("transport", "base", "spread", "lobes", "left", "own")
-        return replace(self, **{name: getattr(self, name)[places] for name in names})
-
-    def features(self, lit: FloatArray, own: FloatArray) -> FloatArray:
-        """Return (N, J, D) by what each unknown changes the light of J pictures.
-
-        Parameters
-        ----------
-        lit : (J, L)
-            Light on each patch, as a share of white's.
-        own : (J, N)
-            Direct light at each place, as a share of white's.
-        """
-        relative = (lit[None] * self.base[:, None, :]) @ self.kernel * self.spread[:, None, None]
-        left_out = (self.lobes @ lit.T).transpose(0, 2, 1) * self.spread[:, None, None]
-        open_ones = self.left[:, None, :] * (lit @ self.right.T)[None]
-        share = self.transport @ lit.T / np.maximum(self.white, np.finfo(float).tiny)[:, None]
-        direct = self.own[:, None] * (own.T - share)
-        return np.concatenate([relative, left_out, open_ones, direct[..., None]], axis=2)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -198,7 +142,18 @@ def posterior(prior: TransportPrior, photographs: Photographs) -> TransportPoste
             f"photographs of {photographs.own.shape[1]} places, a model of {len(prior.spread)}; they have to be the "
             "same places"
         )
-    parts = [_of_places(prior.at(part), photographs.at(part)) for part in _parts(len(prior.spread))]
+    return _combined(prior, photographs, _of_one(prior, photographs))
+
+
+def _of_one(prior: TransportPrior, photographs: Photographs) -> FloatArray:
+    """(N, K + 1, D) features of white and the photographs, for a spread of 1."""
+    lit = np.concatenate([np.ones((1, prior.transport.shape[1])), photographs.lit])
+    own = np.concatenate([np.ones((1, len(prior.spread))), photographs.own])
+    return prior.of_one(lit, own)
+
+
+def _combined(prior: TransportPrior, photographs: Photographs, of_one: FloatArray) -> TransportPosterior:
+    parts = [_of_places(prior.at(part), photographs.at(part), of_one[part]) for part in _parts(len(prior.spread))]
     told = np.concatenate([part.told for part in parts])
     return TransportPosterior(
         prior=prior,
@@ -228,16 +183,17 @@ def fitted(
     -------
     TransportPosterior
     """
-    found = posterior(prior, photographs)
+    of_one = _of_one(prior, photographs)
+    found = _combined(prior, photographs, of_one)
     for _ in range(_ROUNDS if len(photographs.lit) else 0):
         everywhere = np.full_like(found.surprise, found.surprise.mean())
         surprise = everywhere if alike is None else np.asarray(alike @ found.surprise)
         factor = np.clip(np.sqrt(surprise), 1 / _MOST_AT_ONCE, _MOST_AT_ONCE)
         spread = np.clip(found.prior.spread * factor, *_SPREADS)
-        found = posterior(replace(prior, spread=spread), photographs)
-    found = posterior(found.prior, replace(photographs, variance=photographs.variance / worth))
+        found = _combined(replace(prior, spread=spread), photographs, of_one)
+    found = _combined(found.prior, replace(photographs, variance=photographs.variance / worth), of_one)
     if len(photographs.lit):
-        wider = left_out(found.prior, photographs, alike, worth).wider(alike)
+        wider = _left_out(found.prior, photographs, of_one, alike=alike, worth=worth).wider(alike)
         found = replace(found, wider=wider)
     return found if alike is None else replace(found, weights=np.asarray(alike @ found.weights))
 
@@ -271,12 +227,9 @@ class SolvedPlaces:
         return np.asarray((self.explained[:, 1:] ** 2).sum(axis=1) / count)
 
 
-def _of_places(prior: TransportPrior, photographs: Photographs) -> SolvedPlaces:
+def _of_places(prior: TransportPrior, photographs: Photographs, of_one: FloatArray) -> SolvedPlaces:
     """Solve the regression of a few places."""
-    n_places, n_patches = prior.transport.shape
-    lit = np.concatenate([np.ones((1, n_patches)), photographs.lit])
-    own = np.concatenate([np.ones((1, n_places)), photographs.own])
-    features = prior.features(lit, own)
+    n_places, features = len(prior.spread), prior.spread_over(of_one)
     white = (_WHITE_SIGMA * np.maximum(prior.white, np.finfo(float).tiny)) ** 2
     variance = np.concatenate([white[None], photographs.variance]).T
     known = np.isfinite(variance)
@@ -344,18 +297,24 @@ def left_out(
     ----------
     Rasmussen and Williams 2006, section 5.4.2.
     """
+    return _left_out(prior, photographs, _of_one(prior, photographs), alike=alike, worth=worth)
+
+
+def _left_out(
+    prior: TransportPrior, photographs: Photographs, of_one: FloatArray, *, alike: csr_array | None, worth: float
+) -> LeftOut:
     n_places, count = len(prior.spread), len(photographs.lit)
     off, expected = np.zeros((count, n_places)), np.zeros((count, n_places))
     narrow = replace(photographs, variance=photographs.variance / worth)
     parts = list(_parts(n_places))
-    solved = [_of_places(prior.at(part), narrow.at(part)) for part in parts]
+    solved = [_of_places(prior.at(part), narrow.at(part), of_one[part]) for part in parts]
     backwards = [np.asarray(np.linalg.inv(each.factor), dtype=np.float64) for each in solved]
     known = np.isfinite(photographs.variance)
     for k in range(count):
         ones = [_without(each, L, k + 1) for each, L in zip(solved, backwards, strict=True)]
         weights = np.concatenate([means for means, _ in ones])
         weights = weights if alike is None else np.asarray(alike @ weights)
-        features = prior.features(photographs.lit[k : k + 1], photographs.own[k : k + 1])[:, 0]
+        features = prior.spread_over(of_one[:, k + 1 : k + 2])[:, 0]
         off[k] = np.where(known[k], photographs.difference[k] - np.einsum("nd,nd->n", features, weights), 0.0)
         open_share = np.concatenate([share for _, share in ones])
         expected[k] = np.where(known[k], open_share * np.where(known[k], narrow.variance[k], 0.0), 0.0)

@@ -10,6 +10,7 @@ from scipy.sparse import csr_array
 
 from calibration.light.transport.choice import NextPhotograph, Pictures, least_certain, next_photograph
 from calibration.light.transport.posterior import Photographs, TransportPosterior, fitted
+from calibration.light.transport.prior import TransportPrior
 from calibration.structured_light.patterns import Pattern
 from rig.capture.rig import Rig
 from rig.files.channels import layers
@@ -74,9 +75,11 @@ class PictureSearch:
     direct: csr_array
     """(places, n pixels) direct light of the chosen ones, as a share of white's."""
     noise_variance: FloatArray
-    usual: Pictures
+    usual: FloatArray
+    """Features of pictures as people show them, for a spread of 1 ..."""
     fixed: list[KnownPicture]
-    fixed_seen: Pictures
+    fixed_seen: FloatArray
+    """... and of the pictures that are tried each time."""
 
     @classmethod
     def in_band(cls, band: BandPrior, white_variance: FloatArray, shape: tuple[int, int]) -> PictureSearch:
@@ -88,16 +91,16 @@ class PictureSearch:
         white = np.maximum(np.asarray(direct.sum(axis=1)), np.finfo(float).tiny)
         pixels = np.bincount(places.of_pixel[places.of_pixel >= 0], minlength=places.count)
         noise = _WHITE_FRAMES * (means @ white_variance.ravel()) / pixels
-        fixed, shares = fixed_pictures(shape), csr_array(direct / white[:, None])
+        prior, fixed, shares = band.prior.at(chosen), fixed_pictures(shape), csr_array(direct / white[:, None])
         images = np.stack([each.image.ravel() for each in fixed], axis=1).astype(np.float64)
         return cls(
             band=band,
             chosen=chosen,
             direct=shares,
             noise_variance=noise[chosen] / WORTH,
-            usual=_seen(band, shares, usual_pictures(shape)),
+            usual=_features(prior, _seen(band, shares, usual_pictures(shape))),
             fixed=fixed,
-            fixed_seen=_seen(band, shares, images),
+            fixed_seen=_features(prior, _seen(band, shares, images)),
         )
 
     def next(self, known: Photographs, shape: tuple[int, int]) -> tuple[KnownPicture, NextPhotograph]:
@@ -106,18 +109,17 @@ class PictureSearch:
         found: TransportPosterior = fitted(prior, known.at(self.chosen), worth=WORTH)
         directions = of_patches(least_certain(found, _DIRECTIONS), self.band.lit, shape)
         images = np.stack([each.image.ravel() for each in directions], axis=1).astype(np.float64)
-        more = _seen(self.band, self.direct, images)
-        candidates = Pictures(
-            lit=np.concatenate([self.fixed_seen.lit, more.lit]), own=np.concatenate([self.fixed_seen.own, more.own])
-        )
+        more = _features(prior, _seen(self.band, self.direct, images))
+        candidates = np.concatenate([self.fixed_seen, more], axis=1)
         best = next_photograph(found, candidates, self.usual, self.noise_variance)
         return [*self.fixed, *directions][best.index], best
 
     def worth_of(self, known: Photographs, more: Photographs) -> NextPhotograph:
         """Tell what one more photograph brings to some."""
-        found = fitted(self.band.prior.at(self.chosen), known.at(self.chosen), worth=WORTH)
+        prior = self.band.prior.at(self.chosen)
+        found = fitted(prior, known.at(self.chosen), worth=WORTH)
         one = more.at(self.chosen)
-        return next_photograph(found, Pictures(lit=one.lit, own=one.own), self.usual, self.noise_variance)
+        return next_photograph(found, prior.of_one(one.lit, one.own), self.usual, self.noise_variance)
 
     @property
     def noise_rms(self) -> float:
@@ -127,6 +129,10 @@ class PictureSearch:
 
 def _seen(band: BandPrior, direct: csr_array, images: FloatArray) -> Pictures:
     return Pictures(lit=band.lit.shares(images), own=np.asarray((direct @ images).T))
+
+
+def _features(prior: TransportPrior, pictures: Pictures) -> FloatArray:
+    return prior.of_one(pictures.lit, pictures.own)
 
 
 def usual_at_all_places(band: BandPrior, shape: tuple[int, int]) -> Pictures:

@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.light.transport.low_rank import low_rank
-from calibration.light.transport.posterior import Photographs, TransportPosterior, TransportPrior, fitted
+from calibration.light.transport.posterior import Photographs, TransportPosterior, fitted
+from calibration.light.transport.prior import TransportPrior
 from rig.stages.maps.uncertainty import SPLIT_BIAS
 from rig.stages.scene_model import LearnedLight, MeasuredLight, SceneModel, camera_view
 from rig.stages.transport.places import WORTH, SurfacePlaces, places_of

@@ -6,17 +6,19 @@ projector to places. How much of either there is, and of which roughness, the ph
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.distance import cdist
 
 from rig.stages.scene_model import SceneModel
 from rig.stages.transport.places import SurfacePlaces
-from sim.light.gloss.lobe import frames_of, lobe
+from sim.light.gloss.lobe import lobe_of_cosines
 
 FloatArray = NDArray[np.float64]
+Float32Array = NDArray[np.float32]
 IntArray = NDArray[np.intp]
 
 ROUGHNESS = (0.1, 0.3)
@@ -87,20 +89,24 @@ class Ways:
         """Return those of some places."""
         return replace(self, at=self.at.at(chosen), gain=self.gain[chosen])
 
-    def shining(self, roughness: float) -> tuple[FloatArray, FloatArray]:
-        """Return (N, L) light that places mirror of patches, and that patches mirror to places.
+    def shining(self, roughnesses: Sequence[float]) -> Float32Array:
+        """Return (K, 2, N, L) light of each roughness that places mirror of patches, and that patches mirror to places.
 
         Of a gloss as large as the matte reflectance.
         """
-        shape = (len(self.at.size_m), len(self.lit.size_m))
-        apart = np.linalg.norm(self.lit.position_m[None] - self.at.position_m[:, None], axis=2)
-        near = apart < _NEAR * self.lit.size_m
-        found = np.zeros((2, *shape))
-        for where in (~near, near):
-            for place, patch in _some(where):
-                parts = self._parts(patch) if where is near else [self.lit.at(patch)]
-                found[:, place, patch] = np.mean([self._of(place, patch, part, roughness) for part in parts], axis=0)
-        return found[0], found[1]
+        places, patches = np.arange(len(self.at.size_m))[:, None], np.arange(len(self.lit.size_m))[None]
+        found = np.zeros((len(roughnesses), 2, places.size, patches.size), dtype=np.float32)
+        for some in _some(places, patches.size):
+            found[:, :, some[:, 0]] = self._of(some, patches, self.lit.at(patches), roughnesses)
+        place, patch = np.nonzero(self._near())
+        for some in _some(np.arange(len(place)), 1):
+            each = (self._of(place[some], patch[some], part, roughnesses) for part in self._parts(patch[some]))
+            found[:, :, place[some], patch[some]] = sum(each) / _PARTS**2
+        return found
+
+    def _near(self) -> NDArray[np.bool_]:
+        """(N, L) pairs between which a lobe changes within the patch."""
+        return np.asarray(cdist(self.at.position_m, self.lit.position_m) < _NEAR * self.lit.size_m)
 
     def _parts(self, patch: IntArray) -> Iterator[_Points]:
         """The middles of equal parts of patches."""
@@ -112,25 +118,25 @@ class Ways:
                 middle = (1 - s) * ((1 - t) * a + t * d) + s * ((1 - t) * b + t * c)
                 yield replace(whole, position_m=middle, size_m=whole.size_m / _PARTS)
 
-    def _of(self, place: IntArray, patch: IntArray, lit: _Points, roughness: float) -> tuple[FloatArray, FloatArray]:
-        """The light of pairs, of which the patch is a point."""
+    def _of(self, place: IntArray, patch: IntArray, lit: _Points, roughnesses: Sequence[float]) -> FloatArray:
+        """(K, 2, ...) the light of pairs, of which the patch is a point."""
         at = self.at.at(place)
         across = lit.position_m - at.position_m
-        apart = np.linalg.norm(across, axis=1)
-        across = across / np.maximum(apart, np.finfo(float).tiny)[:, None]
+        apart = np.sqrt(_along(across, across))
+        across /= np.maximum(apart, np.finfo(float).tiny)[..., None]
         near = np.maximum(apart, lit.size_m)
         arrives, leaves = (np.clip(each, 0, None) for each in (_along(across, at.normal), -_along(across, lit.normal)))
-        matte = self.gain[place] * self.power[patch] * arrives * leaves / (np.pi * near**2)
+        matte = self.gain[place] * self.power[patch] * arrives * leaves / near**2
+        to_camera, to_projector = _towards(self.camera_m, at.position_m), _towards(self.projector_m, lit.position_m)
+        mirrored = arrives, _along(at.normal, to_camera), _along(across, to_camera)
+        sent = leaves, _along(lit.normal, to_projector), -_along(across, to_projector)
         # Half vectors turn half as fast as what a patch's size adds.
-        wide = np.minimum(np.sqrt(roughness**2 + (lit.size_m / near) ** 2 / 24), 1.0)
-        to_camera = _towards(self.camera_m, at.position_m)
-        to_projector = _towards(self.projector_m, lit.position_m)
-        mirrored = _lobe(at.normal, across, to_camera, wide)
-        sent = _lobe(lit.normal, -across, to_projector, wide)
-        return matte * mirrored, matte * sent
+        added = (lit.size_m / near) ** 2 / 24
+        wide = [np.minimum(np.sqrt(roughness**2 + added), 1.0) for roughness in roughnesses]
+        return np.stack([[matte * lobe_of_cosines(*way, each) for way in (mirrored, sent)] for each in wide])
 
 
-def lobes_of(ways: Ways, surface: IntArray) -> NDArray[np.float32]:
+def lobes_of(ways: Ways, surface: IntArray) -> Float32Array:
     """Return (N, M, L) light that places would see of lit patches over gloss of the usual strength.
 
     Parameters
@@ -140,27 +146,21 @@ def lobes_of(ways: Ways, surface: IntArray) -> NDArray[np.float32]:
     surface : (L,)
         Of each patch: what shines there has a strength for each.
     """
-    pairs = [ways.shining(roughness) for roughness in ROUGHNESS]
-    by_surface = [np.where(surface == name, sent, 0.0) for name in np.unique(surface) for _, sent in pairs]
-    return (_SHINE * np.stack([*(mirrored for mirrored, _ in pairs), *by_surface], axis=1)).astype(np.float32)
+    pairs = ways.shining(ROUGHNESS)
+    pairs *= np.float32(_SHINE)
+    by_surface = [np.where(surface == name, sent, np.float32(0)) for name in np.unique(surface) for _, sent in pairs]
+    return np.stack([*(mirrored for mirrored, _ in pairs), *by_surface], axis=1)
 
 
-def _some(where: NDArray[np.bool_]) -> Iterator[tuple[IntArray, IntArray]]:
-    """Indices of some pairs at a time."""
-    place, patch = np.nonzero(where)
-    for first in range(0, len(place), _AT_ONCE):
-        yield place[first : first + _AT_ONCE], patch[first : first + _AT_ONCE]
-
-
-def _lobe(normal: FloatArray, first: FloatArray, second: FloatArray, roughness: FloatArray) -> FloatArray:
-    """π f_s of directions away from surfaces."""
-    frames = frames_of(normal)
-    into, out = (np.einsum("nij,nj->ni", frames, way) for way in (first, second))
-    return np.asarray(np.pi * lobe(into, out, roughness))
+def _some(places: IntArray, each: int) -> Iterator[IntArray]:
+    """Some places at a time, of so many pairs each."""
+    step = max(1, _AT_ONCE // each)
+    for first in range(0, len(places), step):
+        yield places[first : first + step]
 
 
 def _along(ways: FloatArray, normal: FloatArray) -> FloatArray:
-    return np.asarray(np.einsum("nc,nc->n", ways, normal))
+    return np.asarray(np.einsum("...c,...c->...", ways, normal))
 
 
 def _towards(there_m: FloatArray, from_m: FloatArray) -> FloatArray:

@@ -10,7 +10,7 @@ from scipy.sparse import csr_array
 
 from calibration.light.reflectance import ReflectanceSource
 from calibration.light.transport.low_rank import largest_eigenpairs
-from calibration.light.transport.posterior import TransportPrior
+from calibration.light.transport.prior import TransportPrior
 from rig.stages.scene_model import SceneModel
 from rig.stages.transport.lobes import Ways, lobes_of
 from rig.stages.transport.places import SurfacePlaces

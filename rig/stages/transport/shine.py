@@ -44,8 +44,8 @@ def surface_gloss(band: BandPrior, photographs: Photographs) -> tuple[SurfaceGlo
     expected = prior.transport @ photographs.lit.T
     owners = (of_place, of_patch, surfaces)
     each = [
-        _of_roughness(ways.shining(one), owners, photographs.lit, expected=expected, white=prior.white)
-        for one in ROUGHNESSES
+        _of_roughness(both, owners, photographs.lit, expected=expected, white=prior.white)
+        for both in ways.shining(ROUGHNESSES)
     ]
     by_surface = np.stack(each, axis=1)
     sigma = np.sqrt(seen_of.variance + (_ELSE * prior.white) ** 2)
@@ -55,7 +55,7 @@ def surface_gloss(band: BandPrior, photographs: Photographs) -> tuple[SurfaceGlo
 
 
 def _of_roughness(
-    shining: tuple[FloatArray, FloatArray],
+    shining: NDArray[np.float32],
     owners: tuple[IntArray, IntArray, IntArray],
     lit: FloatArray,
     *,
@@ -68,7 +68,9 @@ def _of_roughness(
     share = expected / np.maximum(white, np.finfo(float).tiny)[:, None]
     found = []
     for number in surfaces:
-        g = np.where((of_place == number)[:, None], mirrored, 0.0) + np.where((of_patch == number)[None], sent, 0.0)
+        g = np.where((of_place == number)[:, None], mirrored, np.float32(0)) + np.where(
+            (of_patch == number)[None], sent, np.float32(0)
+        )
         found.append((g @ lit.T - g.sum(axis=1)[:, None] * share).T)
     return np.stack(found).astype(np.float32)
 

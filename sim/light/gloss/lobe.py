@@ -44,15 +44,41 @@ def lobe(incoming: FloatArray, outgoing: FloatArray, roughness: FloatArray) -> F
     """
     half = incoming + outgoing
     half = half / np.maximum(np.linalg.norm(half, axis=1, keepdims=True), np.finfo(float).tiny)
+    density = _density(half[:, 0] ** 2 + half[:, 1] ** 2, half[:, 2] ** 2, roughness)
+    return density * _open_share(incoming[:, 2], outgoing[:, 2], roughness)
+
+
+def lobe_of_cosines(into: FloatArray, out: FloatArray, between: FloatArray, roughness: FloatArray) -> FloatArray:
+    """Return the lobe f_s of unit gloss, of cosines alone: faster, and true to a millionth above a roughness of 0.01.
+
+    Parameters
+    ----------
+    into, out, between : array
+        Cosines of the incoming and of the outgoing direction to the normal, and of the two to each other; of shapes
+        that broadcast.
+    roughness : array
+        The distribution's alpha.
+
+    Returns
+    -------
+    array
+        0 where either direction is below the surface. [1/sr]
+    """
+    cosine2 = (into + out) ** 2 / np.maximum(2 + 2 * between, np.finfo(float).tiny)
+    return _density(np.clip(1 - cosine2, 0, None), cosine2, roughness) * _open_share(into, out, roughness)
+
+
+def _density(sine2: FloatArray, cosine2: FloatArray, roughness: FloatArray) -> FloatArray:
+    """Microfacets along a half vector, by its angle to the normal."""
     squared = roughness**2
     # cos² (a² - 1) + 1 without the cancellation at narrow lobes.
-    sine2 = half[:, 0] ** 2 + half[:, 1] ** 2
-    density = squared / (np.pi * (sine2 + squared * half[:, 2] ** 2) ** 2)
-    into, out = incoming[:, 2], outgoing[:, 2]
-    above = (into > 0) & (out > 0)
-    # G1(θ) / (2 cos θ) of both directions: finite at grazing light.
+    return squared / (np.pi * (sine2 + squared * cosine2) ** 2)
+
+
+def _open_share(into: FloatArray, out: FloatArray, roughness: FloatArray) -> FloatArray:
+    """G / (4 cos θ cos θ') of both directions: finite at grazing light, 0 below the surface."""
     shares = _unshadowed_over_cosine(into, roughness) * _unshadowed_over_cosine(out, roughness)
-    return np.where(above, density * shares / 4, 0.0)
+    return np.where((into > 0) & (out > 0), shares / 4, 0.0)
 
 
 def lobe_directions(outgoing: FloatArray, roughness: FloatArray, chances: FloatArray) -> tuple[FloatArray, FloatArray]:

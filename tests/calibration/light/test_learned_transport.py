@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 from calibration.errors import CalibrationError
-from calibration.light.transport.choice import Pictures, least_certain, next_photograph
+from calibration.light.transport.choice import least_certain, next_photograph
 from calibration.light.transport.low_rank import low_rank
-from calibration.light.transport.posterior import Photographs, TransportPrior, fitted, left_out, posterior
+from calibration.light.transport.posterior import Photographs, fitted, left_out, posterior
+from calibration.light.transport.prior import TransportPrior
 from sim.form_factors import form_factors
 from sim.scenes.gridded import room
 
@@ -119,7 +120,7 @@ def test_what_one_more_would_bring_falls_below_the_noise(small):
     for _ in range(25):
         found = fitted(small.prior(), known)
         shown = np.concatenate([np.eye(len(small.lit)), least_certain(found, 4)])
-        candidates, wanted = (Pictures(lit=each, own=np.zeros((len(each), n))) for each in (shown, usual))
+        candidates, wanted = (small.prior().of_one(each, np.zeros((len(each), n))) for each in (shown, usual))
         best = next_photograph(found, candidates, wanted, noise)
         brings.append(best.brings)
         known = known.and_(small.photographs(shown[best.index : best.index + 1]))

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sim.light.gloss.lobe import LEAST_ROUGHNESS, albedo, frames_of, lobe, lobe_directions, mean_albedo
+from sim.light.gloss.lobe import LEAST_ROUGHNESS, albedo, frames_of, lobe, lobe_directions, lobe_of_cosines, mean_albedo
 
 
 def hemisphere(n_height=600, n_turn=800):
@@ -34,6 +34,17 @@ def test_the_lobe_is_the_same_both_ways():
     one, other = (DIRECTIONS[random.integers(len(DIRECTIONS), size=1000)] for _ in range(2))
     roughness = random.uniform(LEAST_ROUGHNESS, 1, 1000)
     assert np.allclose(lobe(one, other, roughness), lobe(other, one, roughness), rtol=1e-9)
+
+
+def test_three_cosines_tell_a_lobe_as_well_as_directions_do():
+    random = np.random.default_rng(1)
+    one, other = (DIRECTIONS[random.integers(len(DIRECTIONS), size=1000)] for _ in range(2))
+    other[:200] = one[:200] * (-1, -1, 1)  # mirrored: in the middle of the lobe
+    roughness = random.uniform(0.01, 1, 1000)
+    between = (one * other).sum(axis=1)
+    by_cosines = lobe_of_cosines(one[:, 2], other[:, 2], between, roughness)
+    assert np.allclose(by_cosines, lobe(one, other, roughness), rtol=1e-6)
+    assert lobe_of_cosines(-one[:, 2], other[:, 2], between, roughness).max() == 0
 
 
 @pytest.mark.parametrize("roughness", [0.15, 0.3, 0.6, 1.0])
