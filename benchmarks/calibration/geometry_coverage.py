@@ -158,10 +158,10 @@ def outcome_of(case: Case) -> Outcome:
         return Outcome(name=case.name, refused=str(error), sigmas_off={}, share_off=0.0, share_sigma=0.0)
     size = np.array(settings.size_m) if shape.is_box else None
     outcome = compared(case.name, record, (camera, projector), size)
-    return replace(outcome, share_off=max(outcome.share_off, _walls_off(record, shape, camera, projector)))
+    return replace(outcome, share_off=max(outcome.share_off, places_off(record, shape, camera, projector)))
 
 
-def _walls_off(record: GeometryRecord, shape: Shape, camera: SimulatedOptics, projector: SimulatedOptics) -> float:
+def places_off(record: GeometryRecord, shape: Shape, camera: SimulatedOptics, projector: SimulatedOptics) -> float:
     """Distance of measured walls from what the projector lights, in the camera's frame, by the room's size.
 
     The 95th percentile of the pixels that both devices see; balls apart. Walls that nobody saw are guesses, which a

@@ -15,7 +15,7 @@ from calibration.geometry.epipolar import NominalIntrinsics
 from calibration.geometry.flat.endless import check_walls_end
 from calibration.geometry.flat.left_out import MOST_LEFT_OUT, check_none_left_out
 from calibration.geometry.noise import covariance, observation_variance, plus_minus, standard_deviations
-from calibration.geometry.plane_bundle import MARGIN_SHARE, BundleSolution, Rounds, adjust, refit
+from calibration.geometry.plane_bundle import MARGIN_SHARE, BundleSolution, Rounds, adjust, adjust_to_held_planes, refit
 from calibration.geometry.planes import USUAL_ASKEW_DEG, Axes
 from calibration.geometry.support import (
     bends_of,
@@ -80,7 +80,7 @@ def hold_against_all(
         With the contradiction, its numbers and what to try.
     """
     rounds = Rounds(limits_px=(1.0,), iterations=8, margin_share=margin_share)
-    rough = _before_held_planes(x1, x2, bundle, nominal, rounds=rounds, weight=weight)
+    rough = adjust_to_held_planes(x1, x2, bundle, nominal, rounds=rounds, weight=weight)
     check_one_surface(rough, x1, x2)
     check_walls_end(rough, x1)
     a, b = x1[:_SOME], x2[:_SOME]
@@ -91,33 +91,12 @@ def hold_against_all(
     angle_sigmas = None if free is None else _check_angles(rough, free)
     variance = observation_variance(rough.fit, x1[rough.used], rough.fit_label, x2[rough.used])
     rounds = Rounds(limits_px=(1.0,), iterations=10, variance_px2=variance, margin_share=margin_share)
-    fit = _before_held_planes(x1, x2, rough, nominal, rounds=rounds, weight=weight)
+    fit = adjust_to_held_planes(x1, x2, rough, nominal, rounds=rounds, weight=weight)
     final = replace(fit, right_angle_sigmas=angle_sigmas)
     check_data_sheets(final, np.sqrt(np.diag(final.covariance)))
     check_determined(final, final.covariance)
     check_none_left_out(final, x1, x2)
     return final
-
-
-def _before_held_planes(
-    x1: FloatArray,
-    x2: FloatArray,
-    start: BundleSolution,
-    nominal: NominalIntrinsics,
-    *,
-    rounds: Rounds,
-    weight: FloatArray,
-) -> BundleSolution:
-    """Fit, and again without planes that not one point of the fit holds: these stay where they began, as if known.
-
-    Their points are left over then, and say so.
-    """
-    fit = adjust(x1, x2, start, nominal, rounds=rounds, weight=weight) or start
-    stays = np.bincount(fit.fit_label, minlength=len(fit.planes)) > 0
-    if stays.all() or stays.sum() < 2:
-        return fit
-    axes = replace(fit.axes, of_plane=fit.axes.of_plane[stays])
-    return adjust(x1, x2, fit.with_planes(fit.planes[stays], axes), nominal, rounds=rounds, weight=weight) or fit
 
 
 def _check_angles(rough: BundleSolution, free: BundleSolution) -> float | None:
@@ -227,18 +206,19 @@ def angles_of(free: BundleSolution, pairs: Sequence[tuple[int, int]]) -> list[An
     Returns
     -------
     list of Angle
-        Standard deviations hold what data sheets leave open.
+        Standard deviations hold what data sheets leave open; infinite of a plane that no point is on.
     """
     variance = observation_variance(free.fit, free.error.x1, free.fit_label, free.error.x2)
     unknown = covariance(free.fit, variance)
 
     def angles(z: FloatArray) -> FloatArray:
-        planes = planes_of(z, free.axes)
+        planes = planes_of(z, free.start_axes)
         normals = planes / np.linalg.norm(planes, axis=1, keepdims=True)
         # Normals point out of the room: seen from inside, walls meet at the supplement.
         return np.array([180 - np.degrees(np.arccos(np.clip(normals[a] @ normals[b], -1, 1))) for a, b in pairs])
 
-    sigma = standard_deviations(angles, free.fit.z, unknown)
+    told = np.isin(pairs, free.fit_label).all(axis=1)
+    sigma = np.where(told, standard_deviations(angles, free.fit.z, unknown), np.inf)
     values = angles(free.fit.z)
     return [
         Angle(planes=p, angle_deg=float(v), sigma_deg=float(s)) for p, v, s in zip(pairs, values, sigma, strict=True)
@@ -278,13 +258,13 @@ def check_right_angles(held: BundleSolution, free: BundleSolution) -> float:
     on_axes = np.flatnonzero(held.axes.of_plane >= 0).tolist()
     within = f" to within {np.degrees(held.axes.askew_rad):g} degrees" if held.axes.askew_rad else ""
     across = [(a, b) for a, b in combinations(on_axes, 2) if held.axes.of_plane[a] != held.axes.of_plane[b]]
-    free = refit(free.error, free, variance)
-    worst = max(angles_of(free, across), key=lambda angle: abs(angle.angle_deg - 90) / angle.sigma_deg)
+    # Walls along one axis alone stand at no right angle to each other: they are not parallel.
+    angles = angles_of(refit(free.error, free, variance), across) if across else []
     raise CalibrationError(
         f"the walls are not at right angles{within}: a fit without right angles explains the points and hfov_deg "
-        f"better by {sigmas:.0f} sigma, the limit is {SIGMAS:g}; {_told(worst)}. Check hfov_deg of both devices; if it "
-        f"is right, say how far from square the walls stand (askew_deg; {USUAL_ASKEW_DEG:g} in usual houses), or set "
-        "right_angles = false"
+        f"better by {sigmas:.0f} sigma, the limit is {SIGMAS:g}; {_worst_of(angles)}. Check hfov_deg of both devices; "
+        f"if it is right, say how far from square the walls stand (askew_deg; {USUAL_ASKEW_DEG:g} in usual houses), or "
+        "set right_angles = false"
     )
 
 
@@ -309,8 +289,10 @@ def _is_one_data_sheet(held: BundleSolution) -> bool:
     return bool(off.max() > SIGMAS and off.min() < _TELLING)
 
 
-def _told(angle: Angle) -> str:
-    if abs(angle.angle_deg - 90) < _TELLING * angle.sigma_deg:
+def _worst_of(angles: Sequence[Angle]) -> str:
+    """Which angle is furthest from a right one, in its own sigmas."""
+    angle = max(angles, key=lambda angle: abs(angle.angle_deg - 90) / angle.sigma_deg, default=None)
+    if angle is None or abs(angle.angle_deg - 90) < _TELLING * angle.sigma_deg:
         return "which of the angles it is, the points leave open"
     a, b = angle.planes
     return f"it puts walls {a + 1} and {b + 1} at {angle.angle_deg:.1f} +- {angle.sigma_deg:.1f} degrees"
@@ -373,7 +355,7 @@ def check_determined(solution: BundleSolution, unknown: FloatArray) -> None:
     """
 
     def distances(z: FloatArray) -> FloatArray:
-        return np.asarray(-np.log(np.linalg.norm(planes_of(z, solution.axes), axis=1)))
+        return np.asarray(-np.log(np.linalg.norm(planes_of(z, solution.start_axes), axis=1)))
 
     sigma = standard_deviations(distances, solution.fit.z, unknown)
     nearest = int(np.argmin(sigma))

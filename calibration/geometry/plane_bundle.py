@@ -6,13 +6,14 @@ correspondence and no unknown of its own. Walls at right angles fix the focal le
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from calibration.arrays import FloatArray, IntArray
+from calibration.errors import CalibrationError
 from calibration.geometry.bundle_residual import LandingError, landed, rays_of
 from calibration.geometry.bundle_unknowns import PlanarScene, priors_of, scene_of, unknowns_of
 from calibration.geometry.epipolar import NominalIntrinsics
@@ -165,6 +166,48 @@ def adjust(
         start_axes=axes,
         error=error,
     )
+
+
+def adjust_to_held_planes(
+    x1: FloatArray,
+    x2: FloatArray,
+    start: PlanarScene,
+    nominal: NominalIntrinsics,
+    *,
+    rounds: Rounds,
+    weight: FloatArray,
+) -> BundleSolution:
+    """Adjust, and again without planes that not one point of the fit holds: these stay where they began, as if known.
+
+    Their points are left over then, and say so.
+
+    Parameters
+    ----------
+    x1, x2, start, nominal, rounds, weight
+        As for :func:`adjust`.
+
+    Returns
+    -------
+    BundleSolution
+
+    Raises
+    ------
+    CalibrationError
+        If too few points are on the walls.
+    """
+    fit = adjust(x1, x2, start, nominal, rounds=rounds, weight=weight)
+    if fit is None:
+        raise CalibrationError(
+            f"fewer than {_LEAST_POINTS} of {len(x1)} correspondences lie within {max(rounds.limits_px):g} px of one "
+            f"of the {len(start.planes)} walls that were found and of no other: codes are noisier than that, or what "
+            "was taken for walls stands nearly in one plane; look at focus and exposure, and aim at a corner of bare "
+            "walls"
+        )
+    stays = np.bincount(fit.fit_label, minlength=len(fit.planes)) > 0
+    if stays.all() or stays.sum() < 2:
+        return fit
+    axes = replace(fit.axes, of_plane=fit.axes.of_plane[stays])
+    return adjust(x1, x2, fit.with_planes(fit.planes[stays], axes), nominal, rounds=rounds, weight=weight) or fit
 
 
 def refit(

@@ -11,14 +11,11 @@ from calibration.errors import CalibrationError
 from calibration.geometry.bundle_residual import LandingError, rays_of
 from calibration.geometry.bundle_unknowns import PLANES, TRANSLATION, PlanarScene
 from calibration.geometry.contradictions import (
-    angles_held,
     check_data_sheets,
     check_determined,
     check_flat,
     check_no_facets,
-    check_right_angles,
     is_flat,
-    normal_deviate,
 )
 from calibration.geometry.flat import rivals
 from calibration.geometry.flat.left_out import check_none_left_out
@@ -299,62 +296,6 @@ def test_a_fit_that_leaves_a_flat_wall_out_is_refused(room, corner):
 
 def test_a_fit_may_leave_out_what_bends(room, corner):
     check_none_left_out(*of_two_walls(room, corner, 30.0))
-
-
-@pytest.mark.parametrize(("chi_squared", "freedom", "sigmas"), [(5.0, 5, 0.1), (20.5, 5, 3.1)])
-def test_a_chi_squared_sum_is_told_in_sigmas(chi_squared, freedom, sigmas):
-    assert normal_deviate(chi_squared, freedom) == pytest.approx(sigmas, rel=0.2, abs=0.3)
-
-
-@pytest.mark.parametrize(
-    ("of_plane", "angles"),
-    [((0, 1, 2), 3), ((0, 1), 1), ((0, 0), 2), ((0, 0, 1, 2), 5), ((0, 1, -1), 1), ((-1, -1), 0), ((2,), 0)],
-)
-def test_right_angles_take_two_of_each_plane_less_those_by_which_all_turn(of_plane, angles):
-    assert angles_held(Axes(np.eye(3), np.array(of_plane))) == angles
-
-
-def square_and_free(room, seed, lean_deg=0.0):
-    """Fits to a corner with right angles and without; codes are off by whole lines; the first wall leans."""
-    bare = room.changed(faces=FACES, noise_px=0.04, edge_bias_px=0.0, outlier_share=0.0)
-    scene, (x1, x2) = true_scene(room), bare.correspondences(12)
-    errors = plane_errors_px(scene, x1, x2)
-    near, label, random = errors.min(axis=0) < 1, errors.argmin(axis=0), np.random.default_rng(seed)
-    wall, turn = scene.planes[0], np.radians(lean_deg)
-    upright = room.camera.rotation @ np.array([0.0, 0.0, np.linalg.norm(wall)])
-    middle = np.median(rays_of(scene.camera, x1[label == 0]), axis=0)
-    leaning = np.cos(turn) * wall + np.sin(turn) * upright
-    leaning *= (wall @ middle) / (leaning @ middle)
-    there = np.where((label == 0)[:, None], transfer_of(scene.projector)(rays_of(scene.camera, x1), leaning), x2)
-    line = np.repeat(random.normal(0, 0.03, (3, 2, 700)), 5, axis=2)
-    off = np.stack([line[label, k, x2[:, k].astype(int)] for k in (0, 1)], axis=1)
-    square = Axes(room.camera.rotation.T, np.array([WALLS[face] for face in FACES]))
-    free = LandingError(
-        x1=x1[near],
-        x2=(there + off)[near],
-        label=label[near],
-        axes=scene.axes,
-        nominal=room.nominal,
-    )
-    held = refit(replace(free, axes=square), scene.with_planes(scene.planes, square), 0.02)
-    return held, refit(free, held.with_planes(held.planes), 0.02)
-
-
-def test_true_right_angles_gain_by_chance_what_their_number_says(room):
-    """Codes that are off by whole lines do not make them look wrong; nor may the test lose what it can see."""
-    gains = []
-    for seed in range(12):
-        held, free = square_and_free(room, seed)
-        check_right_angles(held, free)
-        variance = observation_variance(free.fit, free.error.x1, free.fit_label)
-        gains.append((held.fit.cost - free.fit.cost) / variance)
-    assert 0.5 < np.mean(gains) / angles_held(held.axes) < 2.0
-
-
-def test_a_wall_that_leans_is_refused_where_codes_are_off_by_lines(room):
-    for lean_deg in (-0.5, 0.5):
-        with pytest.raises(CalibrationError, match="the walls are not at right angles"):
-            check_right_angles(*square_and_free(room, 1, lean_deg))
 
 
 SQUARE = Axes(np.eye(3), np.array([0, 1, 2]))
