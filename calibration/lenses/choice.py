@@ -140,9 +140,11 @@ def left_out_squares(sightings: BoardSightings, fit: Settled, *, device: int) ->
 
 
 def _squares(rows: BoardSightings, lenses: RigState, fit: Settled, *, views: IntArray, device: int) -> FloatArray:
+    if device >= len(weights_of(rows).T):  # the projector lights none of these views: they say nothing of its lens
+        return np.full(rows.views, np.nan)
     near = fit.state.of_views(views)
     start = replace(lenses, rotations=near.rotations, translations_m=near.translations_m)
-    scales = np.full(len(fit.noise_px), CAUCHY)
+    scales = np.full(2 if rows.has_projector else 1, CAUCHY)
     poses_only = np.zeros(SHARED, dtype=bool)
     weighed = in_noise(rows, fit.noise_px)
     state = adjust_bundle(weighed, start, poses_only, scales_px=scales, steps=15, least_gain=_FAIR).state

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calibration.arrays import BoolArray, FloatArray, IntArray
+from calibration.errors import CalibrationError
 from calibration.lenses.lens import FittedLens
 
 FLEX = 2
@@ -73,6 +74,10 @@ class BoardSightings:
             projector_weight=np.zeros(n),
             half_size_m=_half_size(board_m),
         )
+
+    def __post_init__(self) -> None:
+        if (np.diff(self.view) < 0).any():
+            raise CalibrationError("rows of boards are not in the order of their views; sort them by view")
 
     @property
     def views(self) -> int:
