@@ -70,6 +70,8 @@ class CompressedFormFactors:
     """Memory of the blocks [MB = 1e6 bytes]."""
     blocks: Blocks
     kernel: _kernel.CompressedMatrix
+    kept: FloatArray
+    """(P,) by which the kernel's rows and columns are multiplied: 1, or less where rows would be above 1."""
     method: str = "compressed"
 
     @property
@@ -95,7 +97,7 @@ class CompressedFormFactors:
         SimulationError
             For an array of another shape.
         """
-        return _apply(self.kernel, np.asarray(x, dtype=np.float64), len(self.areas))
+        return _apply(self.kernel, np.asarray(x, dtype=np.float64), self.kept)
 
     def exchange(self, x: FloatArray) -> FloatArray:
         """Return diag(A) F x, the symmetric product.
@@ -126,7 +128,11 @@ class Blocks:
 
 
 def compressed_form_factors(
-    surface: Surface, tolerance: float = 1e-3, on_progress: Callable[[float], None] | None = None
+    surface: Surface,
+    tolerance: float = 1e-3,
+    on_progress: Callable[[float], None] | None = None,
+    *,
+    keep_within_closure: bool = False,
 ) -> CompressedFormFactors:
     """Return the form factors of a surface, compressed.
 
@@ -139,6 +145,9 @@ def compressed_form_factors(
         not guaranteed: ``error`` tells what was reached.
     on_progress : callable, optional
         Called with the share of the work done, 0 ... 1.
+    keep_within_closure : bool
+        Rows that sum to more than 1 are divided by their sums, and their columns, too, so that no light grows;
+        ``closure_max`` keeps the defect that there was.
 
     Returns
     -------
@@ -173,10 +182,14 @@ def compressed_form_factors(
         if on_progress:
             on_progress(done)
     seconds_build = time.perf_counter() - started
-    row_sums = _apply(kernel, np.ones(surface.n_patches), surface.n_patches)
-    excess = row_sums - 1
+    ones = np.ones(surface.n_patches)
+    row_sums = _apply(kernel, ones, ones)
+    excess, kept = row_sums - 1, ones
     closure = np.abs(excess).max() if surface.closed else max(excess.max(), 0.0)
     error = _measured_error(kernel, surface)
+    if keep_within_closure and excess.max() > 0:
+        kept = 1 / np.maximum(row_sums, 1.0)
+        row_sums = _apply(kernel, ones, kept)
     return CompressedFormFactors(
         areas=surface.areas,
         row_sums=row_sums,
@@ -189,6 +202,7 @@ def compressed_form_factors(
         stored_mb=4e-6 * sum(kernel.numbers()),
         blocks=Blocks(*kernel.numbers()),
         kernel=kernel,
+        kept=kept,
     )
 
 
@@ -197,12 +211,13 @@ def exact_rows(factors: CompressedFormFactors, rows: IntArray, x: ArrayLike) -> 
     return _exact_rows(factors.kernel, rows, np.asarray(x, dtype=np.float64))
 
 
-def _apply(kernel: _kernel.CompressedMatrix, x: FloatArray, n_patches: int) -> FloatArray:
-    if x.ndim not in (1, 2) or len(x) != n_patches:
-        raise SimulationError(f"light of shape {x.shape} for {n_patches} patches; one value a patch, bands as columns")
-    columns = np.ascontiguousarray(x.reshape(n_patches, -1))
+def _apply(kernel: _kernel.CompressedMatrix, x: FloatArray, kept: FloatArray) -> FloatArray:
+    if x.ndim not in (1, 2) or len(x) != len(kept):
+        raise SimulationError(f"light of shape {x.shape} for {len(kept)} patches; one value a patch, bands as columns")
+    columns = np.ascontiguousarray(x.reshape(len(kept), -1) * kept[:, None])
     y = np.empty_like(columns)
     kernel.apply(columns, y)
+    y *= kept[:, None]
     return y.reshape(x.shape)
 
 
@@ -216,7 +231,7 @@ def _measured_error(kernel: _kernel.CompressedMatrix, surface: Surface) -> Compr
     generator = np.random.default_rng(0)
     lights = _lights(surface, generator)
     rows = generator.choice(surface.n_patches, min(SAMPLED_ROWS, surface.n_patches), replace=False)
-    difference = _apply(kernel, lights, surface.n_patches)[rows] - _exact_rows(kernel, rows, lights)
+    difference = _apply(kernel, lights, np.ones(surface.n_patches))[rows] - _exact_rows(kernel, rows, lights)
     return CompressionError(
         max=float(np.abs(difference).max()), rms=float(np.sqrt((difference**2).mean())), rows=len(rows)
     )

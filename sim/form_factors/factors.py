@@ -29,6 +29,9 @@ VISIBILITIES = ("auto", "none", "exact", "fair", "quick", "rays")
 DEFECT_TO_WARN = 1e-3
 """Row sums off by more than this: the light is wrong by rho / (1 - rho) times as much."""
 
+_ROUNDING = 1e-9
+"""Of a row's sum: boxes are off by less."""
+
 Fill = Callable[[Surface, FloatArray, FloatArray], None]
 FILLS: Mapping[str, Fill] = {"closed_form": closed_form.fill, "paper": paper.fill}
 """Each fills the (P, P) factors without occluders and their (P,) row sums."""
@@ -134,6 +137,7 @@ def form_factors(
     rays_per_pair: int = 64,
     tolerance: float = 1e-6,
     samples: int | None = None,
+    keep_within_closure: bool = False,
 ) -> FormFactors:
     """Return all form factors of a scene or mesh.
 
@@ -158,6 +162,9 @@ def form_factors(
         For ``polygon``: relative error allowed in each pair.
     samples : int, optional
         For ``polygon``: points on one patch of a near pair at most, a square (9, 25), instead of the tolerance.
+    keep_within_closure : bool
+        Rows that sum to more than 1 are divided by their sums, and their columns, too: A_i F_ij stays symmetric, and no
+        light grows. ``closure_max`` keeps the defect that there was.
 
     Returns
     -------
@@ -203,6 +210,8 @@ def form_factors(
     closure = _closure_max(surface, row_sums)
     if closure > DEFECT_TO_WARN:
         warnings.warn(_defect(surface, row_sums, method, visibility), ClosureWarning, stacklevel=2)
+    if keep_within_closure and row_sums.max() > 1 + _ROUNDING:
+        _take_excess(matrix, row_sums)
     return FormFactors(
         matrix=matrix,
         areas=surface.areas,
@@ -252,6 +261,14 @@ def _occlude(surface: Surface, matrix: FloatArray, visibility: Visibility, rays_
         matrix *= visible_fraction_by_rays(surface, matrix > 0, rays_per_pair)
     else:
         visible_fraction(surface, matrix, cast(Quality, visibility)).apply(matrix)
+
+
+def _take_excess(matrix: FloatArray, row_sums: FloatArray) -> None:
+    """Leave no row above 1."""
+    excess = np.maximum(row_sums, 1.0)
+    matrix /= excess[:, None]
+    matrix /= excess
+    np.sum(matrix, axis=1, out=row_sums)
 
 
 def _closure_max(surface: Surface, row_sums: FloatArray) -> float:

@@ -251,9 +251,9 @@ def _sampled(
 
 def _exact(cells: AdaptivePatches, model: Model, on_progress: OnProgress) -> FormFactorOperator:
     if model.compression is not None:
-        return compressed_form_factors(cells, model.compression, on_progress)
+        return compressed_form_factors(cells, model.compression, on_progress, keep_within_closure=True)
     with warnings.catch_warnings():
         if model.visibility != "none":
             # The defect that is left of shadows is planned for, and reported.
             warnings.simplefilter("ignore", ClosureWarning)
-        return form_factors(cells, method=model.method, visibility=model.visibility)
+        return form_factors(cells, model.method, model.visibility, keep_within_closure=True)

@@ -162,3 +162,14 @@ def test_a_tolerance_out_of_range_is_refused(tolerance: float) -> None:
 def test_light_of_the_wrong_length_is_refused() -> None:
     with pytest.raises(SimulationError, match="shape"):
         compressed_empty().apply(np.ones(3))
+
+
+def test_kept_within_closure_no_row_creates_light_and_light_goes_both_ways_alike():
+    raw, kept = (compressed_form_factors(empty_room(), 1e-2, keep_within_closure=keep) for keep in (False, True))
+    assert raw.row_sums.max() > 1 + 1e-6
+    assert kept.row_sums.max() <= 1 + 1e-12
+    assert kept.closure_max == raw.closure_max
+    x, y = np.random.default_rng(2).uniform(size=(2, len(kept.areas)))
+    assert y @ kept.exchange(x) == pytest.approx(x @ kept.exchange(y), rel=1e-5)
+    with pytest.raises(SimulationError, match="one value a patch"):
+        kept.apply(np.ones(3))

@@ -185,3 +185,14 @@ def test_a_half_shield_blocks_what_lies_behind_it():
     factors = form_factors(scene, rays_per_pair=4096).matrix
     # Plane symmetry: a segment misses the shield if its middle lies in the free half, and half of them do.
     assert factors[0, 1] / UNIT_CUBE_OPPOSITE == pytest.approx(0.5, abs=0.01)
+
+
+def test_kept_within_closure_no_row_creates_light_and_light_goes_both_ways_alike():
+    scene = room_with_box(patch_size_m=0.8)
+    with pytest.warns(ClosureWarning, match="occluders are left out"):
+        kept = form_factors(scene, visibility="none", keep_within_closure=True)
+    assert kept.closure_max > 0.01
+    assert kept.row_sums.max() <= 1 + 1e-12
+    assert np.allclose(kept.row_sums, kept.matrix.sum(axis=1), rtol=1e-12)
+    exchange = scene.areas[:, None] * kept.matrix
+    assert np.allclose(exchange, exchange.T, rtol=1e-12)

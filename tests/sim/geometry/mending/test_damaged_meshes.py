@@ -5,7 +5,7 @@ import pytest
 from tests.sim.geometry.mending.answers import answer_to
 from tests.sim.geometry.mending.damaged_meshes import damaged
 
-SOLVED = (1, 3, 13, 18, 19, 27, 30, 34, 36, 40, 76, 79, 97, 100)
+SOLVED = (1, 3, 13, 18, 19, 27, 30, 34, 36, 40, 76, 79, 97, 100, 7086)
 REFUSED = (0, 4, 5, 6, 9, 16, 24, 60, 70, 74, 94)
 
 
