@@ -30,6 +30,7 @@ from calibration.errors import CalibrationError
 from calibration.geometry.pinhole import PinholeModel, vector_of, world_rays
 from calibration.geometry.planes import USUAL_ASKEW_DEG
 from calibration.geometry.room import FACES
+from calibration.structured_light.correspondence import Correspondence
 from rig.devices.simulated.optics import SimulatedOptics, make_optics, pixels_of
 from rig.profile.schema import Profile, load_profile
 from rig.stages.geometry import GeometryRecord, geometry_of
@@ -64,6 +65,11 @@ class Outcome:
     """Largest error of a length, by the room's size."""
     share_sigma: float
     """Largest sigma of one, and of what the camera's turn moves at the room's far end."""
+
+    @classmethod
+    def refusal(cls, name: str, why: str) -> Outcome:
+        """Return that there is no result."""
+        return cls(name=name, refused=why, sigmas_off={}, share_off=0.0, share_sigma=0.0)
 
     @property
     def told(self) -> str:
@@ -144,24 +150,33 @@ def _before(
 
 def outcome_of(case: Case) -> Outcome:
     """Calibrate one case and compare."""
-    settings = case.profile.simulation
+    camera, projector, size_m = simulated(case.profile)
+    shape = case.shape or box(size_m)
+    correspondence = measured(exact_map(shape, camera, projector), projector.shape, NOISE[case.noise], case.seed)
+    return held_to_truth(case.name, case.profile, shape, correspondence)
+
+
+def simulated(profile: Profile) -> tuple[SimulatedOptics, SimulatedOptics, FloatArray]:
+    """Return a profile's true camera and projector, and (3,) the size of its room. [m]"""
+    settings = profile.simulation
     if settings is None:
-        raise ValueError(f"{case.profile.path}: not a simulated rig")
-    camera = make_optics(settings.camera, case.profile.camera.shape[:2])
-    projector = make_optics(settings.projector, case.profile.projector.shape)
-    shape = case.shape or box(np.array(settings.size_m))
-    exact = exact_map(shape, camera, projector)
-    correspondence = measured(exact, projector.shape, NOISE[case.noise], case.seed)
+        raise ValueError(f"{profile.path}: not a simulated rig")
+    camera = make_optics(settings.camera, profile.camera.shape[:2])
+    return camera, make_optics(settings.projector, profile.projector.shape), np.array(settings.size_m)
+
+
+def held_to_truth(name: str, profile: Profile, shape: Shape, correspondence: Correspondence) -> Outcome:
+    """Calibrate from correspondences before a shape, and compare with what a profile's simulation knows."""
+    camera, projector, size_m = simulated(profile)
     try:
-        record = geometry_of(correspondence, case.profile, lambda *_: None)
+        record = geometry_of(correspondence, profile, lambda *_: None)
     except CalibrationError as error:
-        return Outcome(name=case.name, refused=str(error), sigmas_off={}, share_off=0.0, share_sigma=0.0)
-    size = np.array(settings.size_m) if shape.is_box else None
-    outcome = compared(case.name, record, (camera, projector), size)
-    return replace(outcome, share_off=max(outcome.share_off, places_off(record, shape, camera, projector)))
+        return Outcome.refusal(name, str(error))
+    outcome = compared(name, record, (camera, projector), size_m if shape.is_box else None)
+    return replace(outcome, share_off=max(outcome.share_off, _walls_off(record, shape, camera, projector)))
 
 
-def places_off(record: GeometryRecord, shape: Shape, camera: SimulatedOptics, projector: SimulatedOptics) -> float:
+def _walls_off(record: GeometryRecord, shape: Shape, camera: SimulatedOptics, projector: SimulatedOptics) -> float:
     """Distance of measured walls from what the projector lights, in the camera's frame, by the room's size.
 
     The 95th percentile of the pixels that both devices see; balls apart. Walls that nobody saw are guesses, which a

@@ -18,48 +18,27 @@ import traceback
 from collections import Counter
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
 import random_profiles
-from geometry_coverage import Outcome, compared, places_off
+from geometry_coverage import Outcome, held_to_truth, simulated
 from geometry_shapes import with_tape
 from geometry_worlds import CodeNoise, box, exact_map, measured
 
-from calibration.errors import CalibrationError
 from calibration.structured_light.correspondence import Correspondence
-from rig.devices.simulated.optics import directions, make_optics
+from rig.devices.simulated.optics import directions
 from rig.devices.simulated.pair import pixel_grid
 from rig.devices.simulated.settings import SimulatedLensSettings
 from rig.profile.schema import Profile
-from rig.stages.geometry import geometry_of
 
 Lens = TypeVar("Lens", bound=SimulatedLensSettings)
 _LEAST_SEEN = 0.02
 _CAMERA_MIDDLE, _PROJECTOR_MIDDLE, _CROPPED_MIDDLE = (0.03, 0.03), (0.10, 0.30), (0.15, 0.25)
 """Of a lens's axis from the picture's middle, one standard deviation: by mounting, and of cropped ones."""
 Random = np.random.Generator
-UNTRUTHS = (
-    "",
-    "",
-    "",
-    "",
-    "",
-    "",
-    "",
-    "",
-    "",
-    "",
-    "",
-    "field of view",
-    "tape",
-    "sides",
-    "mirrored",
-    "turned",
-    "cropped",
-)
+UNTRUTHS = ("",) * 11 + ("field of view", "tape", "sides", "mirrored", "turned", "cropped")
 """Of which one is drawn for each rig."""
 
 
@@ -83,10 +62,9 @@ def wild_rig(seed: int) -> Wild:
 
 def _walls_seen(profile: Profile) -> int:
     """Walls with two hundredths of the camera's pixels each that see what the projector lights."""
-    settings = profile.simulation
-    camera = make_optics(settings.camera, profile.camera.shape[:2])
-    room = box(np.array(settings.size_m))
-    lit = np.isfinite(exact_map(room, camera, make_optics(settings.projector, profile.projector.shape))).all(axis=-1)
+    camera, projector, size_m = simulated(profile)
+    room = box(size_m)
+    lit = np.isfinite(exact_map(room, camera, projector)).all(axis=-1)
     wall = room.first(camera.position_m, directions(camera, pixel_grid(camera.shape)[lit]))
     return int((np.bincount(wall, minlength=6) > _LEAST_SEEN * lit.size).sum())
 
@@ -163,7 +141,7 @@ def _seen(correspondence: Correspondence, untruth: str, shape: tuple[int, int]) 
     """Mirrored or turned as a projector is that hangs from the ceiling, or shines through a screen."""
     height, width = shape
     xy = np.array(correspondence.projector_xy_px)
-    if untruth in ("mirrored", "turned", "cropped"):
+    if untruth in ("mirrored", "turned"):
         xy[..., 0] = width - 1 - xy[..., 0]
     if untruth == "turned":
         xy[..., 1] = height - 1 - xy[..., 1]
@@ -173,23 +151,15 @@ def _seen(correspondence: Correspondence, untruth: str, shape: tuple[int, int]) 
 def outcome_of(seed: int) -> tuple[str, Outcome]:
     """Calibrate one rig: what was untrue, and what came of it."""
     wild = wild_rig(seed)
-    profile, settings = wild.profile, wild.profile.simulation
-    camera = make_optics(settings.camera, profile.camera.shape[:2])
-    projector = make_optics(settings.projector, profile.projector.shape)
-    shape = box(np.array(settings.size_m))
-    exact = exact_map(shape, camera, projector)
-    seen = _seen(measured(exact, projector.shape, wild.noise, seed), wild.untruth, projector.shape)
+    camera, projector, size_m = simulated(wild.profile)
+    shape = box(size_m)
+    codes = measured(exact_map(shape, camera, projector), projector.shape, wild.noise, seed)
+    seen = _seen(codes, wild.untruth, projector.shape)
     name = f"wild {seed}" + (f" ({wild.untruth})" if wild.untruth else "")
-    refused = partial(Outcome, name=name, sigmas_off={}, share_off=0.0, share_sigma=0.0)
     try:
-        record = geometry_of(seen, profile, lambda *_: None)
-    except CalibrationError as error:
-        return wild.untruth, refused(refused=str(error))
+        return wild.untruth, held_to_truth(name, wild.profile, shape, seen)
     except Exception:  # noqa: BLE001 whatever it is, it is what this is looking for
-        return wild.untruth, refused(refused="CRASH " + traceback.format_exc(limit=-9))
-    outcome = compared(name, record, (camera, projector), np.array(settings.size_m))
-    off = places_off(record, shape, camera, projector)
-    return wild.untruth, replace(outcome, share_off=max(outcome.share_off, off))
+        return wild.untruth, Outcome.refusal(name, "CRASH " + traceback.format_exc(limit=-9))
 
 
 def main() -> int:

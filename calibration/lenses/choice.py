@@ -14,7 +14,7 @@ from scipy.special import stdtrit
 
 from calibration.arrays import FloatArray, IntArray
 from calibration.lenses.bundle import SHARED, adjust_bundle, by_device, residuals, row_slices, weights_of
-from calibration.lenses.fit import CAUCHY, Settled, in_noise
+from calibration.lenses.fit import Settled, in_noise, robust_scales
 from calibration.lenses.lens import TERMS
 from calibration.lenses.records import BoardSightings, RigState
 
@@ -140,14 +140,13 @@ def left_out_squares(sightings: BoardSightings, fit: Settled, *, device: int) ->
 
 
 def _squares(rows: BoardSightings, lenses: RigState, fit: Settled, *, views: IntArray, device: int) -> FloatArray:
-    if device >= len(weights_of(rows).T):  # the projector lights none of these views: they say nothing of its lens
+    if device == 1 and not rows.has_projector:  # it lights none of these views: they say nothing of its lens
         return np.full(rows.views, np.nan)
     near = fit.state.of_views(views)
     start = replace(lenses, rotations=near.rotations, translations_m=near.translations_m)
-    scales = np.full(2 if rows.has_projector else 1, CAUCHY)
     poses_only = np.zeros(SHARED, dtype=bool)
     weighed = in_noise(rows, fit.noise_px)
-    state = adjust_bundle(weighed, start, poses_only, scales_px=scales, steps=15, least_gain=_FAIR).state
+    state = adjust_bundle(weighed, start, poses_only, scales_px=robust_scales(rows), steps=15, least_gain=_FAIR).state
     length = np.linalg.norm(by_device(residuals(rows, state)), axis=2)[:, device]
     squares = np.minimum(length, _CLIP * float(fit.noise_px[device])) ** 2
     there = weights_of(rows)[:, device] > 0

@@ -110,7 +110,7 @@ def settle(sightings: BoardSightings, start: RigState, free: BoolArray, *, least
     Settled
     """
     state = start
-    weighed, scale = sightings, np.full(2 if sightings.has_projector else 1, CAUCHY)
+    weighed, scale = sightings, robust_scales(sightings)
     for _ in range(_ROBUST_ROUNDS):
         weighed = in_noise(sightings, _robust_noise(sightings, state))
         state = adjust_bundle(weighed, state, free, scales_px=scale, steps=25, least_gain=_ROUGH).state
@@ -146,8 +146,9 @@ def turned_over(sightings: BoardSightings, state: RigState) -> RigState:
         return state
     part = sightings.of_views(doubtful)
     start = _leaning_back(part, state.of_views(doubtful))
-    scale = np.full(2 if part.has_projector else 1, CAUCHY)
-    other = adjust_bundle(part, start, np.zeros(SHARED, dtype=bool), scales_px=scale, steps=30, least_gain=_FAIR).state
+    poses_only = np.zeros(SHARED, dtype=bool)
+    scale = robust_scales(part)
+    other = adjust_bundle(part, start, poses_only, scales_px=scale, steps=30, least_gain=_FAIR).state
     better = _view_miss(part, other) < rms[doubtful]
     rotations, places = state.rotations.copy(), state.translations_m.copy()
     rotations[doubtful[better]], places[doubtful[better]] = other.rotations[better], other.translations_m[better]
@@ -169,6 +170,11 @@ def _view_miss(sightings: BoardSightings, state: RigState) -> FloatArray:
     length, there = _lengths(sightings, state)[:, 0], weights_of(sightings)[:, 0] > 0
     rows = [r for _, r in row_slices(sightings.view, sightings.views)]
     return np.array([np.median(length[r][there[r]]) if there[r].any() else np.nan for r in rows])
+
+
+def robust_scales(sightings: BoardSightings) -> FloatArray:
+    """(devices,) scales of the robust loss, of sightings with weights in units of the noise."""
+    return np.full(2 if sightings.has_projector else 1, CAUCHY)
 
 
 def in_noise(sightings: BoardSightings, noise_px: FloatArray) -> BoardSightings:

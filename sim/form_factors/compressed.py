@@ -22,6 +22,7 @@ from numpy.typing import ArrayLike
 from sim import _kernel
 from sim.arrays import FloatArray, IntArray
 from sim.errors import SimulationError
+from sim.form_factors.factors import kept_within_closure
 from sim.geometry.surface import Surface
 
 FINEST, COARSEST = 1e-6, 1e-1
@@ -188,7 +189,7 @@ def compressed_form_factors(
     closure = np.abs(excess).max() if surface.closed else max(excess.max(), 0.0)
     error = _measured_error(kernel, surface)
     if keep_within_closure and excess.max() > 0:
-        kept = 1 / np.maximum(row_sums, 1.0)
+        kept = kept_within_closure(row_sums)
         row_sums = _apply(kernel, ones, kept)
     return CompressedFormFactors(
         areas=surface.areas,

@@ -211,7 +211,10 @@ def form_factors(
     if closure > DEFECT_TO_WARN:
         warnings.warn(_defect(surface, row_sums, method, visibility), ClosureWarning, stacklevel=2)
     if keep_within_closure and row_sums.max() > 1 + _ROUNDING:
-        _take_excess(matrix, row_sums)
+        kept = kept_within_closure(row_sums)
+        matrix *= kept[:, None]
+        matrix *= kept
+        np.sum(matrix, axis=1, out=row_sums)
     return FormFactors(
         matrix=matrix,
         areas=surface.areas,
@@ -263,12 +266,9 @@ def _occlude(surface: Surface, matrix: FloatArray, visibility: Visibility, rays_
         visible_fraction(surface, matrix, cast(Quality, visibility)).apply(matrix)
 
 
-def _take_excess(matrix: FloatArray, row_sums: FloatArray) -> None:
-    """Leave no row above 1."""
-    excess = np.maximum(row_sums, 1.0)
-    matrix /= excess[:, None]
-    matrix /= excess
-    np.sum(matrix, axis=1, out=row_sums)
+def kept_within_closure(row_sums: FloatArray) -> FloatArray:
+    """(P,) by which to multiply rows and columns, so that no row is above 1 and A_i F_ij stays symmetric."""
+    return np.asarray(1 / np.maximum(row_sums, 1.0))
 
 
 def _closure_max(surface: Surface, row_sums: FloatArray) -> float:
