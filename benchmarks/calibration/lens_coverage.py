@@ -1,6 +1,7 @@
 """Whether the sigmas of `rig lenses` are true: many synthetic sets of boards, errors over their stated sigmas.
 
     python benchmarks/calibration/lens_coverage.py --sets 40 --seed 1
+    python benchmarks/calibration/lens_coverage.py --sets 40 --views 3 5     # hardly enough boards
 
 Each set draws lenses, noise, poses, bend and the number of views; the truth has terms that the fit may leave out.
 """
@@ -30,11 +31,13 @@ def rotation(vector: list[float] | np.ndarray) -> np.ndarray:
     return np.asarray(cv2.Rodrigues(np.asarray(vector, dtype=np.float64).reshape(3, 1))[0])
 
 
-def drawn_rig(rng: np.random.Generator) -> RigState:
-    """Lenses, pose and bend, without views."""
+def drawn_rig(rng: np.random.Generator, third: float = 0.0) -> RigState:
+    """Lenses, pose and bend, without views; `third` is how much of k3 they have, beside k1 and k2."""
 
     def lens(size: tuple[int, int], focal: float, middle: tuple[float, float], strength: float) -> np.ndarray:
         terms = strength * np.array([rng.normal(), rng.normal(), 0.005 * rng.normal(), 0.005 * rng.normal(), 0.0])
+        if third:
+            terms[4] = third * strength * rng.normal()
         place = np.array(middle) * size + 8 * rng.normal(size=2)
         return np.array([focal, focal * (1 + 0.002 * rng.normal()), *place, *terms, 0, 0, 0])
 
@@ -127,11 +130,14 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--sets", type=int, default=40)
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--views", type=int, nargs=2, default=(5, 15), metavar=("LEAST", "MOST"), help="of a set")
+    parser.add_argument("--third", type=float, default=0.0, help="share of k3 in the true lenses, beside k1 and k2")
     arguments = parser.parse_args()
+    least, most = arguments.views
     collected: dict[str, list[np.ndarray]] = {}
     for index in range(arguments.sets):
         rng = np.random.default_rng([arguments.seed, index])
-        blank, state = with_views(drawn_rig(rng), rng, int(rng.integers(5, 16)))
+        blank, state = with_views(drawn_rig(rng, arguments.third), rng, int(rng.integers(least, most + 1)))
         started_s = time.perf_counter()
         try:
             fit = calibrate_lenses(

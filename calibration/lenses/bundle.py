@@ -179,6 +179,10 @@ class NormalEquations:
     """(V, p, p) what each view adds to ``shared``."""
     slope_of_views: FloatArray
     """(V, p)"""
+    prior: FloatArray
+    """(p,) inverse variances of the shared unknowns about zero, from before any view ..."""
+    prior_slope: FloatArray
+    """(p,) ... and what they add to the slope."""
 
     def reduced(self, damping: float = 0.0) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return the (V, p, p) information and (V, p) slope of each view on the shared unknowns, and C⁻¹Bᵀ."""
@@ -191,8 +195,18 @@ class NormalEquations:
         return np.asarray(lean), np.asarray(slope), np.asarray(back)
 
 
-def normal_equations(lines: Linearised, weight: FloatArray, view: IntArray, views: int) -> NormalEquations:
-    """Sum the rows of each view; `weight` is (N, devices)."""
+def normal_equations(
+    lines: Linearised,
+    weight: FloatArray,
+    view: IntArray,
+    views: int,
+    *,
+    known: tuple[FloatArray, FloatArray] | None = None,
+) -> NormalEquations:
+    """Sum the rows of each view; `weight` is (N, devices).
+
+    `known` is what was known before any view: (p,) inverse variances about zero, and (p,) the values now.
+    """
     root = np.sqrt(np.repeat(weight, 2, axis=1))
     residual = lines.residual * root
     shared, pose = lines.by_shared * root[..., None], lines.by_pose * root[..., None]
@@ -204,13 +218,16 @@ def normal_equations(lines: Linearised, weight: FloatArray, view: IntArray, view
         s, q = shared[rows].reshape(len(r), p), pose[rows].reshape(len(r), POSE)
         own[k], mixed[k], poses[k] = s.T @ s, s.T @ q, q.T @ q
         slope[k], pose_slope[k] = s.T @ r, q.T @ r
+    prior, values = (np.zeros(p), np.zeros(p)) if known is None else known
     return NormalEquations(
-        shared=own.sum(axis=0),
+        shared=own.sum(axis=0) + np.diag(prior),
         mixed=mixed,
         poses=poses,
         pose_slope=pose_slope,
         of_views=own,
         slope_of_views=slope,
+        prior=prior,
+        prior_slope=prior * values,
     )
 
 
@@ -223,10 +240,11 @@ def _step(equations: NormalEquations, damping: float) -> tuple[FloatArray, Float
     """Damped Gauss-Newton step of the shared unknowns (p,) and the poses (V, 6)."""
     information, slope, back = equations.reduced(damping)
     diagonal = np.diag(equations.shared)
-    total = information.sum(axis=0) + np.diag(damping * diagonal + 1e-30)
+    total = information.sum(axis=0) + np.diag(equations.prior + damping * diagonal + 1e-30)
     scale = 1 / np.sqrt(np.maximum(diagonal, 1e-300))
     whole = total * np.outer(scale, scale)
-    shared = scale * np.linalg.lstsq(whole, scale * slope.sum(axis=0), rcond=1e-15)[0] if len(whole) else np.zeros(0)
+    downhill = slope.sum(axis=0) + equations.prior_slope
+    shared = scale * np.linalg.lstsq(whole, scale * downhill, rcond=1e-15)[0] if len(whole) else np.zeros(0)
     poses = _damped(equations, damping) - np.einsum("vki,i->vk", back, shared)
     return shared, poses
 
@@ -237,6 +255,11 @@ def _damped(equations: NormalEquations, damping: float) -> FloatArray:
     poses = equations.poses.copy()
     np.einsum("vii->vi", poses)[...] += damping * diagonal + 1e-14 * diagonal.max(axis=1, keepdims=True) + _EMPTY
     return np.asarray(np.linalg.solve(poses, equations.pose_slope[..., None])[..., 0])
+
+
+def shared_values(state: RigState) -> FloatArray:
+    """(32,) the shared unknowns; 0 for the motion between the devices, which is counted from where it is."""
+    return np.concatenate([state.camera, state.projector, np.zeros(POSE), state.flex_m])
 
 
 def moved(state: RigState, shared: FloatArray, poses: FloatArray) -> RigState:
@@ -267,11 +290,36 @@ class Bundle:
     cost: float
 
 
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Loss:
+    """What is made small: residuals, and how far unknowns are from what was known of them."""
+
+    weight: FloatArray
+    """(N, devices)"""
+    scales_px: FloatArray | None
+    prior: FloatArray
+    """(32,)"""
+
+    def at(self, sightings: BoardSightings, state: RigState) -> float:
+        squares = self.weight * (by_device(residuals(sightings, state)) ** 2).sum(axis=2)
+        if self.scales_px is not None:
+            squares = self.scales_px**2 * np.log1p(squares / self.scales_px**2)
+        return float(squares.sum()) + float((self.prior * shared_values(state) ** 2).sum())
+
+    def weight_at(self, residual: FloatArray) -> FloatArray:
+        """(N, devices) weights of squares whose sum has the slope of the loss."""
+        if self.scales_px is None:
+            return self.weight
+        squares = self.weight * (by_device(residual) ** 2).sum(axis=2)
+        return np.asarray(self.weight / (1 + squares / self.scales_px**2))
+
+
 def adjust_bundle(
     sightings: BoardSightings,
     start: RigState,
     free: BoolArray,
     *,
+    prior: FloatArray | None = None,
     scales_px: FloatArray | None = None,
     steps: int = 60,
     least_gain: float = LEAST_GAIN,
@@ -286,6 +334,8 @@ def adjust_bundle(
         All points in front of both devices.
     free : (32,) bool
         Shared unknowns that may move; poses always do.
+    prior : (32,), optional
+        Inverse variances of the shared unknowns about zero, in units of the noise; default: nothing is known of them.
     scales_px : (devices,), optional
         Cauchy's loss with these scales instead of squares: s² log(1 + r²/s²).
     steps : int
@@ -298,15 +348,16 @@ def adjust_bundle(
     Bundle
     """
     state, damping = start, 1e-4
-    base = weights_of(sightings)
-    cost = _cost(residuals(sightings, state), base, scales_px)
+    loss = _Loss(
+        weight=weights_of(sightings), scales_px=scales_px, prior=np.zeros(SHARED) if prior is None else prior * free
+    )
+    cost = loss.at(sightings, state)
     for _ in range(steps):
         lines = only(linearise(sightings, state), free)
-        weight = base * _robust(lines.residual, base, scales_px)
-        equations = normal_equations(lines, weight, sightings.view, sightings.views)
-        state, damping, gain = _improved(
-            sightings, state, equations, free=free, damping=damping, cost=cost, loss=(base, scales_px)
-        )
+        known = loss.prior[free], shared_values(state)[free]
+        weight = loss.weight_at(lines.residual)
+        equations = normal_equations(lines, weight, sightings.view, sightings.views, known=known)
+        state, damping, gain = _improved(sightings, state, equations, free=free, damping=damping, cost=cost, loss=loss)
         cost -= gain
         if gain <= least_gain * cost:
             break
@@ -321,7 +372,7 @@ def _improved(
     free: BoolArray,
     damping: float,
     cost: float,
-    loss: tuple[FloatArray, FloatArray | None],
+    loss: _Loss,
 ) -> tuple[RigState, float, float]:
     """First damped step that lowers the cost: the state, the next damping, the gain; a gain of 0 when there is none."""
     while damping < _LARGEST_DAMPING:
@@ -329,21 +380,8 @@ def _improved(
         shared = np.zeros(SHARED)
         shared[free] = -part
         trial = moved(state, shared, -poses)
-        gain = cost - _cost(residuals(sightings, trial), *loss)
+        gain = cost - loss.at(sightings, trial)
         if np.isfinite(gain) and gain > 0:
             return trial, max(damping / 10, 1e-12), gain
         damping *= 10
     return state, damping, 0.0
-
-
-def _cost(residual: FloatArray, weight: FloatArray, scales_px: FloatArray | None) -> float:
-    squares = weight * (by_device(residual) ** 2).sum(axis=2)
-    if scales_px is None:
-        return float(squares.sum())
-    return float((scales_px**2 * np.log1p(squares / scales_px**2)).sum())
-
-
-def _robust(residual: FloatArray, weight: FloatArray, scales_px: FloatArray | None) -> FloatArray:
-    if scales_px is None:
-        return np.ones_like(weight)
-    return np.asarray(1 / (1 + weight * (by_device(residual) ** 2).sum(axis=2) / scales_px**2))

@@ -13,10 +13,12 @@ from calibration.lenses.bundle import adjust_bundle, by_device, residuals, weigh
 from calibration.lenses.choice import ModelScore, choose_model, left_out_squares
 from calibration.lenses.fit import Settled, free_shared, settle
 from calibration.lenses.lens import TERMS, FittedLens, ideal_coordinates, project_points
+from calibration.lenses.prior import no_prior, prior_of
 from calibration.lenses.records import BoardSightings, LensCalibration, RigState
+from calibration.lenses.refusals.lit_views import refuse_unlike_boards
+from calibration.lenses.refusals.undetermined import refuse_undetermined
 from calibration.lenses.start import camera_guesses, guess_poses, moved_projector, with_projector
 from calibration.lenses.uncertainty import Confidence, confidence_of, pixel_grid
-from calibration.lenses.undetermined import refuse_undetermined
 
 LEAST_VIEWS = 3
 """Of a flat board, for a focal length and a principal point: Z. Zhang, IEEE PAMI 22 (2000)."""
@@ -28,8 +30,10 @@ _SHIFTS = ((0.0, 0.0), (0.0, 0.5), (0.0, -0.5), (0.25, 0.0))
 """Other starts of the projector's principal point, from the first one, as shares of its picture's size."""
 _FACTORS = (1.0, 0.7, 1.4)
 """Other starts of focal lengths."""
-_FLEX_VIEWS = 6
-"""From so many views on the board's bend is tried."""
+_TELLING_VIEWS = 6
+"""From so many views on they alone tell which terms a lens has and whether the board is bent; with fewer the usual
+terms and the bend are fitted beside what is known of them beforehand (tests/calibration/lenses/test_few_views.py)."""
+_USUAL = "k1k2p1p2"
 _FAIR = 1e-5
 """Share of the cost below which a step no longer decides between models."""
 _SURE = 1.0
@@ -47,7 +51,17 @@ class LensRequest:
     """Distortion model of ``TERMS``; None: chosen by left-out views."""
     projector_model: str | None = None
     flex: bool | None = None
-    """Whether the board may be bent; None: decided by left-out views."""
+    """Whether the board may be bent; None: decided by left-out views, or open where there are few."""
+
+    def models_of(self, fixed: str | None, views: int) -> tuple[str, ...]:
+        """Distortion models to choose from, of a device whose profile may have fixed one."""
+        if fixed is not None:
+            return (fixed,)
+        models = tuple(TERMS)
+        if views >= _TELLING_VIEWS:
+            return models
+        richer = models[models.index(_USUAL) :]
+        return richer if views > LEAST_VIEWS else richer[:1]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -106,10 +120,11 @@ def calibrate_lenses(
     projector: str | None = None
     projector_scores: tuple[ModelScore, ...] = ()
     if sightings.has_projector:
+        refuse_unlike_boards(sightings, names)
         projector, state, projector_scores = _projector_too(sightings, state, request, model=model, flex=flex)
     on_step(2, 4)
     free = free_shared(model, projector, flex=flex)
-    settled = settle(sightings, state, free)
+    settled = settle(sightings, state, free, prior=_prior(sightings))
     on_step(3, 4)
     settled, agree, starts, worse = _from_all_starts(settled, request)
     confidence = confidence_of(settled.equations(), free)
@@ -133,29 +148,32 @@ def _refuse_few(views: int) -> None:
         )
 
 
+def _prior(sightings: BoardSightings) -> FloatArray:
+    """(32,) what counts beside so many views."""
+    return no_prior() if sightings.views >= _TELLING_VIEWS else prior_of(sightings)
+
+
 def _spread_views(views: int, count: int) -> IntArray:
     return np.unique(np.linspace(0, views - 1, min(views, count)).round().astype(np.int64))
 
 
 def _camera_alone(sightings: BoardSightings, request: LensRequest) -> tuple[str, bool, Settled, tuple[ModelScore, ...]]:
     """Distortion model, whether the board is bent, the fit, and the scores of all models."""
-    flex = request.flex is not False and sightings.views >= _FLEX_VIEWS
+    flex, prior = request.flex is not False, _prior(sightings)
 
     def attempt(model: str, seen: BoardSightings, start: RigState | None) -> Settled:
         free = free_shared(model, None, flex=flex)
-        fits = [settle(seen, start, free, least_gain=_FAIR)] if start is not None else []
+        fits = [settle(seen, start, free, prior=prior, least_gain=_FAIR)] if start is not None else []
         if start is None or (model == "rational" and seen.views == sightings.views):
             guesses = camera_guesses(seen, request.camera_size_px, wide=model == "rational")[:_GUESSES]
-            fits += [settle(seen, guess.state, free, least_gain=_FAIR) for guess in guesses]
+            fits += [settle(seen, guess.state, free, prior=prior, least_gain=_FAIR) for guess in guesses]
         return min(fits, key=_merit)
 
-    models = tuple(TERMS) if request.camera_model is None else (request.camera_model,)
-    if sightings.views <= LEAST_VIEWS and request.camera_model is None:
-        models = ("k1",)
-    model, fit, scores = choose_model(sightings, attempt, models)
-    if flex and request.flex is None and not _flex_helps(sightings, model, fit):
-        flex = False
-        fit = settle(sightings, replace(fit.state, flex_m=np.zeros(2)), free_shared(model, None, flex=False))
+    model, fit, scores = choose_model(sightings, attempt, request.models_of(request.camera_model, sightings.views))
+    told = request.flex is None and sightings.views >= _TELLING_VIEWS
+    if told and not _flex_helps(sightings, model, fit):
+        flex, flat = False, replace(fit.state, flex_m=np.zeros(2))
+        fit = settle(sightings, flat, free_shared(model, None, flex=False), prior=prior)
     return model, flex, fit, scores
 
 
@@ -169,7 +187,7 @@ def _flex_helps(sightings: BoardSightings, model: str, fit: Settled) -> bool:
     squares = []
     for flex in (False, True):
         state = fit.state if flex else replace(fit.state, flex_m=np.zeros(2))
-        again = settle(sightings, state, free_shared(model, None, flex=flex), least_gain=_FAIR)
+        again = settle(sightings, state, free_shared(model, None, flex=flex), prior=fit.prior, least_gain=_FAIR)
         squares.append(left_out_squares(sightings, again, device=0))
     gain = squares[0] - squares[1]
     return bool(np.nanmean(gain) > _SURE * np.nanstd(gain, ddof=1) / np.sqrt(len(gain)))
@@ -190,11 +208,9 @@ def _projector_too(
 ) -> tuple[str, RigState, tuple[ModelScore, ...]]:
     def attempt(terms: str, seen: BoardSightings, start: RigState | None) -> Settled:
         first = with_projector(seen, state.of_views(np.arange(seen.views))) if start is None else start
-        return settle(seen, first, free_shared(model, terms, flex=flex), least_gain=_FAIR)
+        return settle(seen, first, free_shared(model, terms, flex=flex), prior=_prior(sightings), least_gain=_FAIR)
 
-    models = tuple(TERMS) if request.projector_model is None else (request.projector_model,)
-    if sightings.views <= LEAST_VIEWS and request.projector_model is None:
-        models = ("k1",)
+    models = request.models_of(request.projector_model, sightings.views)
     chosen, fit, scores = choose_model(sightings, attempt, models, device=1)
     return chosen, fit.state, scores
 
@@ -203,7 +219,7 @@ def _from_all_starts(settled: Settled, request: LensRequest) -> tuple[Settled, f
     """The best of the fits from all starts; how far those of equal cost differ, and how many ended higher."""
     fits = [settled.bundle]
     for start in _other_starts(settled, request):
-        fits.append(adjust_bundle(settled.sightings, start, settled.free, steps=200))
+        fits.append(adjust_bundle(settled.sightings, start, settled.free, prior=settled.prior, steps=200))
     best = min(fits, key=lambda fit: fit.cost)
     same = [fit.state for fit in fits if fit.cost <= best.cost * (1 + 1e-6)]
     apart = max(_apart_px(best.state, state, request) for state in same)

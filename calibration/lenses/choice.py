@@ -134,7 +134,7 @@ def left_out_squares(sightings: BoardSightings, fit: Settled, *, device: int) ->
     for left_out in folds_of(sightings.views):
         rest = np.setdiff1d(np.arange(sightings.views), left_out)
         others = fit.sightings.of_views(rest)
-        lenses = adjust_bundle(others, fit.state.of_views(rest), fit.free, least_gain=_FAIR).state
+        lenses = adjust_bundle(others, fit.state.of_views(rest), fit.free, prior=fit.prior, least_gain=_FAIR).state
         squares[left_out] = _squares(sightings.of_views(left_out), lenses, fit, views=left_out, device=device)
     return squares
 

@@ -22,6 +22,7 @@ from calibration.lenses.bundle import (
     only,
     residuals,
     row_slices,
+    shared_values,
     weights_of,
 )
 from calibration.lenses.lens import free_parameters
@@ -56,6 +57,8 @@ class Settled:
     """(devices,) standard deviation of one coordinate."""
     free: BoolArray
     """(32,)"""
+    prior: FloatArray
+    """(32,) inverse variances of the shared unknowns about zero, from before any view."""
 
     @property
     def state(self) -> RigState:
@@ -69,8 +72,13 @@ class Settled:
 
     def equations(self) -> NormalEquations:
         """Return the normal equations at the solution, in units of the noise."""
-        lines = only(linearise(self.sightings, self.state), self.free)
-        return normal_equations(lines, weights_of(self.sightings), self.sightings.view, self.sightings.views)
+        return self.equations_of(self.sightings, self.state)
+
+    def equations_of(self, sightings: BoardSightings, state: RigState) -> NormalEquations:
+        """Return those of other views of the same lenses."""
+        known = self.prior[self.free], shared_values(state)[self.free]
+        lines = only(linearise(sightings, state), self.free)
+        return normal_equations(lines, weights_of(sightings), sightings.view, sightings.views, known=known)
 
 
 def free_shared(camera: str, projector: str | None, *, flex: bool) -> BoolArray:
@@ -92,7 +100,14 @@ def free_shared(camera: str, projector: str | None, *, flex: bool) -> BoolArray:
     return free
 
 
-def settle(sightings: BoardSightings, start: RigState, free: BoolArray, *, least_gain: float = LEAST_GAIN) -> Settled:
+def settle(
+    sightings: BoardSightings,
+    start: RigState,
+    free: BoolArray,
+    *,
+    prior: FloatArray,
+    least_gain: float = LEAST_GAIN,
+) -> Settled:
     """Fit until noise, mistakes and lenses agree.
 
     Parameters
@@ -102,6 +117,8 @@ def settle(sightings: BoardSightings, start: RigState, free: BoolArray, *, least
     start : RigState
     free : (32,) bool
         Shared unknowns to fit.
+    prior : (32,)
+        Inverse variances of the shared unknowns about zero, from before any view.
     least_gain : float
         Share of the cost that a step of the last fit has to gain, or the fit ends.
 
@@ -113,19 +130,19 @@ def settle(sightings: BoardSightings, start: RigState, free: BoolArray, *, least
     weighed, scale = sightings, robust_scales(sightings)
     for _ in range(_ROBUST_ROUNDS):
         weighed = in_noise(sightings, _robust_noise(sightings, state))
-        state = adjust_bundle(weighed, state, free, scales_px=scale, steps=25, least_gain=_ROUGH).state
+        state = adjust_bundle(weighed, state, free, prior=prior, scales_px=scale, steps=25, least_gain=_ROUGH).state
     state = turned_over(weighed, state)
     noise, kept = _robust_noise(sightings, state), weights_of(sightings) > 0
     for _ in range(_CLEAN_ROUNDS):
         kept = _belonging(sightings, state, noise)
         weighed = in_noise(_without(sightings, kept), noise)
-        bundle = adjust_bundle(weighed, state, free, least_gain=max(least_gain, _FAIR))
+        bundle = adjust_bundle(weighed, state, free, prior=prior, least_gain=max(least_gain, _FAIR))
         state, noise = bundle.state, _noise(_without(sightings, kept), bundle, free)
         if (kept == _belonging(sightings, state, noise)).all():
             break
     final = in_noise(_without(sightings, kept), noise)
-    bundle = adjust_bundle(final, state, free, least_gain=least_gain)
-    return Settled(bundle=bundle, sightings=final, noise_px=noise, free=free)
+    bundle = adjust_bundle(final, state, free, prior=prior, least_gain=least_gain)
+    return Settled(bundle=bundle, sightings=final, noise_px=noise, free=free, prior=prior)
 
 
 def turned_over(sightings: BoardSightings, state: RigState) -> RigState:

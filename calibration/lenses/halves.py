@@ -8,7 +8,7 @@ import numpy as np
 
 from calibration.arrays import BoolArray, FloatArray
 from calibration.errors import CalibrationError
-from calibration.lenses.bundle import adjust_bundle, linearise, normal_equations, only, weights_of
+from calibration.lenses.bundle import adjust_bundle
 from calibration.lenses.fit import Settled
 from calibration.lenses.records import BoardSightings, RigState
 from calibration.lenses.uncertainty import (
@@ -77,9 +77,8 @@ def halves_of(settled: Settled) -> tuple[Anchor, RigState, FloatArray, FloatArra
 
 def _half(settled: Settled, views: np.ndarray) -> _Half:
     part: BoardSightings = settled.sightings.of_views(views)
-    state = adjust_bundle(part, settled.state.of_views(views), settled.free).state
-    lines = only(linearise(part, state), settled.free)
-    equations = normal_equations(lines, weights_of(part), part.view, part.views)
+    state = adjust_bundle(part, settled.state.of_views(views), settled.free, prior=settled.prior).state
+    equations = settled.equations_of(part, state)
     return _Half(state, Anchor.of(part, state), confidence_of(equations, settled.free).covariance)
 
 

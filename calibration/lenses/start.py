@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import combinations
 
 import numpy as np
 from scipy.linalg import rq
 
-from calibration.arrays import FloatArray
+from calibration.arrays import FloatArray, IntArray
 from calibration.errors import CalibrationError
 from calibration.lenses.bundle import camera_points, row_slices
 from calibration.lenses.lens import N, ideal_coordinates, project_points
@@ -19,6 +20,11 @@ _STEEPEST = 4.0
 """Tangent from the axis up to which the equidistant guess is fitted: 76 degrees."""
 _LEAST_CORNERS = 6
 """Of a view: its pose and a residual to judge it by."""
+_UNLIKE = 0.1
+"""Of the extent of all corners in the projector's picture: a lens without distortion misses those of one with it by
+0.03."""
+_PAIRS = 60
+"""Of views that are tried where some do not belong: with a third of them wrong one in two is right."""
 _FLAT = 1e-3
 """Of points in space: their thinnest extent against their widest, below which they are one plane to a projector."""
 
@@ -152,30 +158,90 @@ def with_projector(sightings: BoardSightings, state: RigState) -> RigState:
     """Return the state with a projector found from corners in space: any principal point, no start needed.
 
     The direct linear transform of the corners in the camera's frame to the projector's pixels, taken apart into
-    lens and pose: R. Hartley and A. Zisserman, Multiple View Geometry, 2nd edition, chapter 7.
+    lens and pose: R. Hartley and A. Zisserman, Multiple View Geometry, 2nd edition, chapter 7. Where some views do not
+    belong to the others it is that of the two views that most others agree with, and of these.
 
     Raises
     ------
     CalibrationError
-        The corners lie in one plane: a single view, or one pose of the board again and again.
+        The corners lie in one plane: a single view, or one pose of the board again and again. Or fewer than half of the
+        views agree on any projector.
     """
-    lit = sightings.projector_weight > 0
-    points, pixels = camera_points(sightings, state)[lit], sightings.projector_xy_px[lit]
-    _refuse_flat(points)
-    (a, ta), (b, tb) = _normalised(points), _normalised(pixels)
+    lit = _Lit.of(sightings, state)
+    _refuse_flat(lit.points_m)
+    p = _projector_matrix(lit)
+    if not _lights(p, lit):
+        p = _of_most_views(lit)
+    return _taken_apart(p, state)
+
+
+@dataclass(frozen=True, eq=False)
+class _Lit:
+    """Corners that the projector lights: of which view, where in the camera's frame, at which of its pixels."""
+
+    view: IntArray
+    points_m: FloatArray
+    xy_px: FloatArray
+
+    @classmethod
+    def of(cls, sightings: BoardSightings, state: RigState) -> _Lit:
+        lit = sightings.projector_weight > 0
+        return cls(sightings.view[lit], camera_points(sightings, state)[lit], sightings.projector_xy_px[lit])
+
+    def of_views(self, views: IntArray) -> _Lit:
+        these = np.isin(self.view, views)
+        return _Lit(self.view[these], self.points_m[these], self.xy_px[these])
+
+    @property
+    def extent_px(self) -> float:
+        return float(np.sqrt(((self.xy_px - self.xy_px.mean(axis=0)) ** 2).sum(axis=1).mean()))
+
+
+def _projector_matrix(lit: _Lit) -> FloatArray:
+    """(3, 4) matrix that takes points to pixels, up to a factor."""
+    (a, ta), (b, tb) = _normalised(lit.points_m), _normalised(lit.xy_px)
     rows = np.column_stack([a, np.ones(len(a))])
     none = np.zeros_like(rows)
     system = np.concatenate([np.hstack([rows, none, -b[:, :1] * rows]), np.hstack([none, rows, -b[:, 1:] * rows])])
-    p = np.linalg.inv(tb) @ np.linalg.svd(system, full_matrices=False)[2][-1].reshape(3, 4) @ ta
-    return _taken_apart(p, points, state)
+    return np.asarray(np.linalg.inv(tb) @ np.linalg.svd(system, full_matrices=False)[2][-1].reshape(3, 4) @ ta)
 
 
-def _taken_apart(p: FloatArray, points: FloatArray, state: RigState) -> RigState:
-    if np.median(points @ p[2, :3] + p[2, 3]) * float(np.sign(np.linalg.det(p[:, :3]))) < 0:
+def _misses_px(p: FloatArray, lit: _Lit) -> FloatArray:
+    """(n,) distance of each pixel from where the matrix has it, infinite behind the projector."""
+    there = lit.points_m @ p[:, :3].T + p[:, 3]
+    ahead = there[:, 2] * float(np.sign(np.linalg.det(p[:, :3]))) > 0
+    depth = np.where(ahead, there[:, 2], 1.0)
+    return np.where(ahead, np.linalg.norm(there[:, :2] / depth[:, None] - lit.xy_px, axis=1), np.inf)
+
+
+def _lights(p: FloatArray, lit: _Lit) -> bool:
+    return bool(np.median(_misses_px(p, lit)) <= _UNLIKE * lit.extent_px)
+
+
+def _of_most_views(lit: _Lit) -> FloatArray:
+    """Matrix of the views that agree best on one."""
+    views = np.unique(lit.view)
+    pairs = np.array(list(combinations(views, 2)))
+    if len(pairs) > _PAIRS:
+        pairs = np.random.default_rng(0).permutation(pairs)[:_PAIRS]
+
+    def agreeing(pair: IntArray) -> IntArray:
+        misses = _misses_px(_projector_matrix(lit.of_views(pair)), lit)
+        medians = [float(np.median(misses[lit.view == view])) for view in views]
+        return np.asarray(views[np.array(medians) <= _UNLIKE * lit.extent_px])
+
+    best = max((agreeing(pair) for pair in pairs), key=len)
+    p = _projector_matrix(lit.of_views(best if len(best) > 1 else views))
+    if len(best) <= max(len(views) / 2, 2) or not _lights(p, lit.of_views(best)):
         raise CalibrationError(
-            "the projector's pixels run the other way round than the camera's: one of the pictures is mirrored; "
-            "turn off rear projection or mirroring in the projector's menu, or give the photographs as they were taken"
+            f"no projector lights the boards so: the best one explains {len(best)} of {len(views)} views, more than "
+            "half and at least three are needed. The projector's pixels of some views belong to other views, or camera "
+            "or projector was moved between them; mend the list, or take the views again with both standing still"
         )
+    return p
+
+
+def _taken_apart(p: FloatArray, state: RigState) -> RigState:
     p = p * float(np.sign(np.linalg.det(p[:, :3])))
     k, rotation = rq(p[:, :3])
     signs = np.diag(np.sign(np.diag(k)))

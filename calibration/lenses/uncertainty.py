@@ -68,7 +68,7 @@ def confidence_of(equations: NormalEquations, free: BoolArray) -> Confidence:
     Confidence
     """
     of_views, slopes, _ = equations.reduced()
-    information = of_views.sum(axis=0)
+    information = of_views.sum(axis=0) + np.diag(equations.prior)
     inverse = safe_inverse(information)
     expected = of_views - of_views @ inverse @ of_views
     freedom = float(np.einsum("ij,vji->", inverse, expected))

@@ -6,7 +6,7 @@ import numpy as np
 
 from calibration.lenses.calibrate import LensFit
 from calibration.lenses.records import LensCalibration
-from calibration.lenses.undetermined import tilt_spread_deg
+from calibration.lenses.refusals.undetermined import tilt_spread_deg
 from rig.lenses.records import DeviceLens, ViewSummary
 from rig.lenses.views import SeenView
 from rig.records import Verdict

@@ -9,7 +9,7 @@ from calibration.lenses.bundle import CAMERA, PROJECTOR
 from calibration.lenses.calibrate import LensFit
 from calibration.lenses.fit import view_rms
 from calibration.lenses.records import LensCalibration
-from calibration.lenses.undetermined import tilts_deg
+from calibration.lenses.refusals.undetermined import tilts_deg
 from rig.lenses.maps import DeviceMaps
 from rig.lenses.records import DeviceLens, HalvesSummary, LeftOutSummary, ViewSummary
 from rig.lenses.views import SeenView

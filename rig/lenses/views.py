@@ -13,6 +13,7 @@ from calibration.lenses.boards import Board
 from calibration.lenses.detection import Detection, detect_board
 from calibration.lenses.projector_corners import projector_corners
 from calibration.lenses.records import BoardSightings
+from calibration.lenses.refusals.lit_views import handedness
 from calibration.structured_light.code import CODES
 from calibration.structured_light.consistency.still import movements
 from calibration.structured_light.correspondence import Correspondence
@@ -141,22 +142,13 @@ def _of_list(name: str, found: CornerList | None, lit: CornerList | None, points
 
 def _against_the_others(views: tuple[SeenView, ...]) -> tuple[SeenView, ...]:
     """Mark views whose corners run the other way round than the others'."""
-    handed = np.array([_handedness(view) for view in views])
+    handed = np.array([handedness(view.board_m, view.camera_xy_px) for view in views])
     usual = 1.0 if (handed > 0).sum() >= (handed < 0).sum() else -1.0
     problem = "is mirrored: its corners run the other way round than the others'; list them as the board has them"
     return tuple(
         replace(view, problem=problem) if hand * usual < 0 and not view.problem else view
         for view, hand in zip(views, handed, strict=True)
     )
-
-
-def _handedness(view: SeenView) -> float:
-    """Sign of the area that the picture gives to the board's; 0 when there are too few corners."""
-    if len(view.board_m) < 4:
-        return 0.0
-    terms = np.column_stack([view.board_m, np.ones(len(view.board_m))])
-    slopes = np.linalg.lstsq(terms, view.camera_xy_px, rcond=None)[0][:2]
-    return float(np.sign(np.linalg.det(slopes)))
 
 
 def _of_view(

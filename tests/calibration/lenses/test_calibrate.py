@@ -13,6 +13,7 @@ from calibration.lenses.fit import Settled, free_shared, settle
 from calibration.lenses.halves import compare_halves, halves_of
 from calibration.lenses.lens import ideal_coordinates, pixel_area, project_points
 from calibration.lenses.next_pose import suggest_pose
+from calibration.lenses.prior import no_prior
 from calibration.lenses.records import BoardSightings, RigState
 from calibration.lenses.start import camera_guesses, guess_poses
 from calibration.lenses.uncertainty import FAR_M, Anchor, pixel_grid, projection_covariance, worst_sigma
@@ -155,7 +156,7 @@ def test_left_out_views_choose_the_rational_model_for_a_wide_lens() -> None:
         first = camera_guesses(some, WIDE_SIZE, wide=model == "rational")[0].state if start is None else start
         if model == "rational":
             first = camera_guesses(some, WIDE_SIZE, wide=True)[0].state
-        return settle(some, first, free_shared(model, None, flex=True), least_gain=1e-4)
+        return settle(some, first, free_shared(model, None, flex=True), prior=no_prior(), least_gain=1e-4)
 
     model, _, scores = choose_model(seen, attempt, ("k1", "k1k2p1p2", "rational"))
     assert model == "rational"

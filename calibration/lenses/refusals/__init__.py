@@ -1,0 +1,1 @@
+"""What boards cannot tell of lenses, refused with its cause."""
