@@ -153,6 +153,11 @@ def fit_camera_response(
     Recovering high dynamic range radiance maps from photographs, SIGGRAPH 1997.
     """
     times = np.asarray(exposures, dtype=np.float64)
+    if not full_scale_dn > 0:
+        raise CalibrationError(
+            f"the camera's black is where it clips ({full_scale_dn:.3g} dn below full scale are left for light): lower "
+            "its black level or offset, or shut out room light"
+        )
     groups = grouped_by_light(np.asarray(levels, dtype=np.float64), times, full_scale_dn, room)
     of_black = _black_precision(InStep.unknown(black_sigma_dn) if room is None else room.in_step, full_scale_dn)
     _refuse_few(groups)
@@ -330,7 +335,10 @@ def _backtracked(
 
 def _cost(groups: LightGroups, state: _State, precision: FloatArray) -> float:
     flat = state.curve_part
-    return float(np.nansum(_residual(groups, state) ** 2 / groups.variance) + flat @ precision @ flat)
+    with np.errstate(over="ignore", invalid="ignore"):  # a step that goes too far is taken back
+        squares = _residual(groups, state) ** 2 / groups.variance
+    of_levels = np.where(np.isfinite(squares), squares, np.inf)[groups.usable].sum()
+    return float(of_levels + flat @ precision @ flat)
 
 
 def _light_change(state: _State, covariance: FloatArray, exposure_of: IntArray) -> ChangeSpread:

@@ -66,6 +66,7 @@ def fit_mixing(white: NDArray[np.floating], pure: Sequence[NDArray[np.floating]]
     M. D. Grossberg, H. Peri, S. K. Nayar and P. N. Belhumeur, Making one object look like another: controlling
     appearance using a projector-camera system, CVPR 2004.
     """
+    lit = lit & (white > 0).all(axis=-1)
     if int(lit.sum()) < _LEAST_PIXELS:
         raise CalibrationError(
             f"colour mixing: {int(lit.sum())} lit pixels, at least {_LEAST_PIXELS} are needed; aim the camera at the "

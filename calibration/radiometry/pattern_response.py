@@ -83,7 +83,9 @@ def fit_pattern_response(levels: ArrayLike, terms: ArrayLike, full_scale_dn: flo
     # noise of levels favours curves that are flat where most levels are; as much of it as there can be is taken out
     least = float(eigh(misfit, noise, eigvals_only=True, subset_by_index=(0, 0))[0])
     steps = _rising_steps(misfit - _OF_NOISE * least * noise)
-    left = float(np.sqrt(steps @ misfit @ steps))
+    left = float(
+        np.sqrt(max(float(steps @ misfit @ steps), 0.0))
+    )  # of a fit without error rounding may leave less than 0
     if left > _MOST_LEFT:
         raise CalibrationError(
             f"response from patterns: {left:.3f} of the range is left (rms) after the best curve, the limit is "
