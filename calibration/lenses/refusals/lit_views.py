@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+import cv2
 import numpy as np
 
 from calibration.arrays import FloatArray
 from calibration.errors import CalibrationError
 from calibration.lenses.bundle import row_slices
 from calibration.lenses.records import BoardSightings
-from calibration.lenses.start import homography
 
 _LEAST_CORNERS = 8
 """Of a view that is judged: four say nothing of whether they are a board's."""
@@ -77,7 +77,10 @@ def _wrong_with(board_m: FloatArray, seen_px: FloatArray, lit_px: FloatArray) ->
     extent = np.linalg.svd(lit_px - lit_px.mean(axis=0), compute_uv=False) / np.sqrt(len(lit_px))
     if extent[1] < _STILL_PX:
         return _STILL
-    mapped = np.column_stack([board_m, np.ones(len(board_m))]) @ homography(board_m, lit_px).T
+    plane = cv2.findHomography(board_m, lit_px, cv2.LMEDS)[0]  # a few misread corners do not matter
+    if np.shape(plane) != (3, 3):  # nothing was found
+        return _OTHER
+    mapped = np.column_stack([board_m, np.ones(len(board_m))]) @ plane.T
     miss = np.linalg.norm(mapped[:, :2] / mapped[:, 2:] - lit_px, axis=1)
     if np.median(miss) > _UNLIKE * extent[0]:
         return _OTHER

@@ -82,3 +82,15 @@ def test_a_view_that_does_not_belong_is_left_out_and_does_no_harm(what: str, see
     assert (np.delete(used, odd) > 0.95).all()
     off = np.concatenate([found.state.camera - CAMERA, found.state.projector - PROJECTOR])[[0, 2, 3, 12, 14, 15]]
     assert np.abs(off / found.sigmas()[[0, 2, 3, 12, 14, 15]]).max() < 4
+
+
+def test_a_few_misread_corners_of_each_view_are_left_out() -> None:
+    def misread(pixels: np.ndarray) -> np.ndarray:
+        pixels = pixels.copy()
+        pixels[:, ::9] += 70 * np.random.default_rng(1).normal(size=pixels[:, ::9].shape)
+        return pixels
+
+    found = calibrate_lenses(meddled(misread), PAIR).calibration
+    misread_used = found.used[:, 1].reshape(VIEWS, -1)[:, ::9]
+    assert misread_used.mean() < 0.05
+    assert np.abs((found.state.projector - PROJECTOR)[:4] / found.sigmas()[12:16]).max() < 4
