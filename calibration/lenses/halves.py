@@ -20,6 +20,8 @@ from calibration.lenses.uncertainty import (
     projection_covariance,
 )
 
+_OPEN = 0.5
+"""Of a picture's width: a half that knows its pixels no nearer, for lack of lit views, agrees with any other."""
 LEAST_VIEWS = 6
 """Of which a half still determines a lens."""
 
@@ -36,6 +38,10 @@ class HalvesDifference:
     def rows(self, chosen: BoolArray) -> HalvesDifference:
         """Return some of the pixels."""
         return HalvesDifference(difference_px=self.difference_px[chosen], expected_px=self.expected_px[chosen])
+
+    def tells(self, width_px: int) -> bool:
+        """Whether both halves know anything of the lens."""
+        return bool(np.nanmedian(self.expected_px) < _OPEN * width_px)
 
     @property
     def rms_px(self) -> float:

@@ -35,6 +35,8 @@ _VIEWS_PER_UNKNOWN = 5
 _NO_EXCESS = 1.3
 """Views scatter so much more than their corners by chance alone."""
 _ALIGNMENTS = 12
+_NOTHING = 1e-60
+"""Information on an unknown that is none; its inverse, times what directions may gain by, is still a number."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -83,7 +85,7 @@ def confidence_of(equations: NormalEquations, free: BoolArray) -> Confidence:
 
 def safe_inverse(information: FloatArray) -> FloatArray:
     """Return the inverse; directions that nothing determines get a huge variance, not none."""
-    scale = 1 / np.sqrt(np.maximum(np.diag(information), 1e-300))
+    scale = 1 / np.sqrt(np.maximum(np.diag(information), _NOTHING))
     values, vectors = np.linalg.eigh(information * np.outer(scale, scale))
     whole = (vectors / np.maximum(values, 1e-15)) @ vectors.T
     return np.asarray(whole * np.outer(scale, scale))

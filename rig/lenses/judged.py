@@ -66,7 +66,7 @@ def _of_device(device: DeviceLens) -> list[Verdict]:
     ]
     ratio = None if device.halves is None else device.halves.ratio
     advice = (
-        "too few views to divide them: six are needed"
+        "too few views to divide them: six are needed, and in each half three that this device lights or sees"
         if ratio is None
         else "the uncertainties are too small by this factor: the lens model, the board or a few views are wrong"
     )

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from calibration.lenses.calibrate import LensFit
 from calibration.lenses.halves import HalvesDifference, compare_halves, halves_of
 from calibration.lenses.lens import FittedLens
+from calibration.lenses.records import RigState
 from calibration.lenses.uncertainty import FAR_M, Anchor, pixel_grid, projection_covariance, worst_sigma
 
 FloatArray = NDArray[np.float64]
@@ -79,11 +80,25 @@ def device_maps(fit: LensFit) -> tuple[DeviceMaps, ...]:
                 near_m=near_m,
                 sigma_near_px=sigmas[0],
                 sigma_far_px=sigmas[1],
-                halves=None if halves is None else compare_halves(halves, grid, in_projector=bool(device)),
+                halves=_told(halves, grid, lens.width_px, in_projector=bool(device)),
                 inside=_inside(grid, seen[used]),
             )
         )
     return tuple(found)
+
+
+def _told(
+    halves: tuple[Anchor, RigState, FloatArray, FloatArray] | None,
+    grid_px: FloatArray,
+    width_px: int,
+    *,
+    in_projector: bool,
+) -> HalvesDifference | None:
+    """What two halves of the views say of each other; None where one of them says nothing."""
+    if halves is None:
+        return None
+    found = compare_halves(halves, grid_px, in_projector=in_projector)
+    return found if found.tells(width_px) else None
 
 
 def _inside(grid_px: FloatArray, seen_px: FloatArray) -> NDArray[np.bool_]:

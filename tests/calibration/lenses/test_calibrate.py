@@ -106,6 +106,20 @@ def test_halves_differ_by_what_their_uncertainties_say() -> None:
         assert 0.2 < found.ratio < 2.0
 
 
+def test_halves_of_which_one_has_no_lit_board_say_nothing_of_the_projector() -> None:
+    seen = sightings(truth(8, seed=3))
+    settled = calibrate_lenses(seen, PAIR).settled
+    dark = np.random.default_rng(0).permutation(8)[:4]  # the first half
+    lit = settled.sightings.projector_weight * ~np.isin(seen.view, dark)
+    halves = halves_of(replace(settled, sightings=replace(settled.sightings, projector_weight=lit)))
+    assert halves is not None
+    told = [
+        compare_halves(halves, pixel_grid(*size, columns=8)[0], in_projector=in_projector).tells(size[0])
+        for in_projector, size in ((False, CAMERA_SIZE), (True, PROJECTOR_SIZE))
+    ]
+    assert told == [True, False]
+
+
 def test_a_bump_of_a_view_is_left_out_and_does_no_harm() -> None:
     state, seen = truth(8, seed=4), sightings(truth(8, seed=4)).camera_only()
     zoomed = seen.view == 3
