@@ -54,7 +54,20 @@ class LensRequest:
     """Whether the board may be bent; None: decided by left-out views, or open where there are few."""
 
     def models_of(self, fixed: str | None, views: int) -> tuple[str, ...]:
-        """Distortion models to choose from, of a device whose profile may have fixed one."""
+        """Return the distortion models to choose from, of a device whose profile may have fixed one.
+
+        Parameters
+        ----------
+        fixed : str or None
+            Name of the model that is wanted; None: any.
+        views : int
+            Of the board.
+
+        Returns
+        -------
+        tuple of str
+            From lean to rich; with few views no leaner ones than the usual one, with fewer still that one alone.
+        """
         if fixed is not None:
             return (fixed,)
         models = tuple(TERMS)

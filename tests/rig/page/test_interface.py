@@ -1,10 +1,12 @@
 """The page's server as other programs use it: jobs, pictures, events, saved shows."""
 
 import asyncio
+import itertools
 import json
 import os
 import signal
 import struct
+from collections.abc import Iterator
 from pathlib import Path
 
 import cv2
@@ -175,6 +177,16 @@ def test_every_job_has_a_schema(served: Served) -> None:
     assert found["jobs"]["run"]["required"] == ["session"]
 
 
+def facts_of(stream: httpx.Response) -> Iterator[JsonObject]:
+    """What a stream says of each of its frames."""
+    waiting = b""
+    for part in stream.iter_bytes():
+        waiting += part
+        while len(waiting) >= 12 and len(waiting) >= 12 + sum(lengths := struct.unpack(">III", waiting[:12])):
+            yield json.loads(waiting[12 : 12 + lengths[0]])
+            waiting = waiting[12 + sum(lengths) :]
+
+
 def test_a_program_looks_without_a_browser(served: Served) -> None:
     started = served.post("/api/jobs/look", {"profile": "ci-tiny", "picture": "white"})
     assert started.status_code == 201
@@ -189,10 +201,8 @@ def test_a_program_looks_without_a_browser(served: Served) -> None:
     assert served.post("/api/job/order", {"do": "picture", "picture": "/etc/passwd"}).status_code == 400
     served.post("/api/job/order", {"do": "exposure", "exposure_s": 99.0})
     with httpx.stream("GET", f"{served.address}api/frames?client=me", timeout=30) as stream:
-        first = next(stream.iter_bytes())
-        header, _, _ = struct.unpack(">III", first[:12])
-        facts: JsonObject = json.loads(first[12 : 12 + header])
-        assert facts["exposure_s"] == 0.001
+        exposures = (facts["exposure_s"] for facts in facts_of(stream))
+        assert 0.001 in itertools.islice(exposures, 50), "the newest frame may be of before the order"
     ended = served.post("/api/job/stop").json()
     assert ended["phase"] == "done"
     served.post("/api/lease", {"do": "release"})
