@@ -10,7 +10,7 @@ import numpy as np
 from calibration.arrays import BoolArray, FloatArray, IntArray
 from calibration.errors import CalibrationError
 from calibration.lenses.bundle import adjust_bundle, by_device, residuals, weights_of
-from calibration.lenses.choice import ModelScore, choose_model, left_out_squares
+from calibration.lenses.choice import USUAL, ModelScore, choose_model, left_out_squares
 from calibration.lenses.fit import Settled, free_shared, settle
 from calibration.lenses.lens import TERMS, FittedLens, ideal_coordinates, project_points
 from calibration.lenses.prior import no_prior, prior_of
@@ -33,7 +33,6 @@ _FACTORS = (1.0, 0.7, 1.4)
 _TELLING_VIEWS = 6
 """From so many views on they alone tell which terms a lens has and whether the board is bent; with fewer the usual
 terms and the bend are fitted beside what is known of them beforehand (tests/calibration/lenses/test_few_views.py)."""
-_USUAL = "k1k2p1p2"
 _FAIR = 1e-5
 """Share of the cost below which a step no longer decides between models."""
 _SURE = 1.0
@@ -73,7 +72,7 @@ class LensRequest:
         models = tuple(TERMS)
         if views >= _TELLING_VIEWS:
             return models
-        richer = models[models.index(_USUAL) :]
+        richer = models[models.index(USUAL) :]
         return richer if views > LEAST_VIEWS else richer[:1]
 
 

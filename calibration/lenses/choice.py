@@ -23,7 +23,8 @@ _FOLDED_VIEWS = 20
 """With more views than this, two folds tell as much as five."""
 _CLIP = 7.0
 """Standard deviations at which a left-out residual stops counting more: a mistake is no lens."""
-_USUAL = "k1k2p1p2"
+USUAL = "k1k2p1p2"
+"""Distortion model that is taken unless views speak against it."""
 _SURE = 0.99
 """Probability with which another model has to predict better than the usual one (Student's t over the views)."""
 _HARM = 1.05
@@ -87,7 +88,7 @@ def choose_model(
 def _chosen(scores: list[ModelScore]) -> ModelScore:
     """The usual model if it predicts as well as the best; else the leanest that does, on the best one's side of it."""
     best = min(scores, key=lambda score: float(np.nanmean(score.of_views)))
-    usual = next((score for score in scores if score.model == _USUAL), best)
+    usual = next((score for score in scores if score.model == USUAL), best)
     if _as_good(usual, best):
         return usual
     if scores.index(best) > scores.index(usual):

@@ -7,6 +7,7 @@ import numpy as np
 
 from calibration.lenses.boards import Board
 from calibration.lenses.bundle import camera_points, projector_points
+from calibration.lenses.calibrate import LensRequest
 from calibration.lenses.lens import project_points
 from calibration.lenses.records import BoardSightings, RigState
 
@@ -14,6 +15,14 @@ CAMERA_SIZE, PROJECTOR_SIZE = (640, 480), (512, 384)
 CAMERA = np.array([700.0, 702.0, 325.0, 236.0, -0.12, 0.08, 0.0005, -0.0004, 0, 0, 0, 0])
 PROJECTOR = np.array([560.0, 561.0, 250.0, 427.0, -0.04, 0.02, 0.0003, -0.0006, 0, 0, 0, 0])
 """Its principal point lies below its picture: lens shift."""
+PAIR = LensRequest(
+    camera_size_px=CAMERA_SIZE,
+    projector_size_px=PROJECTOR_SIZE,
+    camera_model="k1k2p1p2",
+    projector_model="k1k2p1p2",
+    flex=False,
+)
+"""Both devices, with the terms that they have, and a flat board."""
 BOARD = Board(kind="chessboard", columns=9, rows=6, square_m=0.03)
 
 

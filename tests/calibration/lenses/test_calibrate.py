@@ -21,6 +21,7 @@ from tests.calibration.lenses.board_world import (
     BOARD,
     CAMERA,
     CAMERA_SIZE,
+    PAIR,
     PROJECTOR,
     PROJECTOR_SIZE,
     rotation,
@@ -28,13 +29,6 @@ from tests.calibration.lenses.board_world import (
     truth,
 )
 
-PAIR = LensRequest(
-    camera_size_px=CAMERA_SIZE,
-    projector_size_px=PROJECTOR_SIZE,
-    camera_model="k1k2p1p2",
-    projector_model="k1k2p1p2",
-    flex=False,
-)
 ALONE = replace(PAIR, projector_size_px=None, projector_model=None)
 WIDE_SIZE, WIDE_FOCAL = (1504, 1004), 500.0
 

@@ -7,17 +7,10 @@ import numpy as np
 import pytest
 
 from calibration.errors import CalibrationError
-from calibration.lenses.calibrate import LensRequest, calibrate_lenses
+from calibration.lenses.calibrate import calibrate_lenses
 from calibration.lenses.records import BoardSightings
-from tests.calibration.lenses.board_world import CAMERA, CAMERA_SIZE, PROJECTOR, PROJECTOR_SIZE, sightings, truth
+from tests.calibration.lenses.board_world import CAMERA, PAIR, PROJECTOR, PROJECTOR_SIZE, sightings, truth
 
-PAIR = LensRequest(
-    camera_size_px=CAMERA_SIZE,
-    projector_size_px=PROJECTOR_SIZE,
-    camera_model="k1k2p1p2",
-    projector_model="k1k2p1p2",
-    flex=False,
-)
 VIEWS = 6
 
 Meddle = Callable[[np.ndarray], np.ndarray]
