@@ -25,8 +25,9 @@ _MATTERS = 0.01
 """Share of the lit pixels; readings that differ in fewer are one."""
 _RIVAL = 0.5
 """A reading rivals another one when it explains half as many of the pixels in which they differ."""
-_LINE_SIGMA_PX, _LEAST_TOLD = 0.3, 0.01
-"""Whole codes are right to 0.3 px, which may move a point by so much of its distance."""
+_LEAST_ACROSS = 0.25
+"""Share of the parallax that stripes have to tell: with less, errors of codes move a point by more than four times what
+the other stripes would."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,6 +47,20 @@ class ReadingView:
     def share(self) -> float:
         """Share of the lit pixels that the reading explains."""
         return float(self.possible.sum() / max(int(self.lit.sum()), 1))
+
+
+@dataclass(frozen=True, slots=True)
+class SeenPoints:
+    """Points of pairs of pixels, or of camera pixels with the projector column or row alone."""
+
+    points_m: FloatArray
+    """(N, 3) NaN where there is none. [m]"""
+    projector_xy_px: FloatArray
+    """(N, 2) with the missing coordinate that the point has. [px]"""
+    epipolar_px: FloatArray
+    """(N,) distance from the epipolar line; NaN where a coordinate was missing. [px]"""
+    along_stripes: BoolArray
+    """(N,) pixels without a point because their stripes run along the baseline."""
 
 
 def view_of(
@@ -78,16 +93,16 @@ def view_of(
     valid = correspondence.valid
     rows, columns = np.nonzero(valid)
     camera_xy = np.column_stack([columns, rows]).astype(np.float64) * step_px
-    points, seen, epipolar_px = points_of(camera_xy, correspondence.projector_xy_px[rows, columns], devices)
+    found = points_of(camera_xy, correspondence.projector_xy_px[rows, columns], devices)
     possible, xy = np.zeros(valid.shape, dtype=bool), np.full((*valid.shape, 2), np.nan, dtype=np.float32)
-    possible[rows, columns] = np.isfinite(points[:, 0]) & ~(epipolar_px > limit_px)
-    xy[rows, columns] = seen
+    possible[rows, columns] = np.isfinite(found.points_m[:, 0]) & ~(found.epipolar_px > limit_px)
+    xy[rows, columns] = found.projector_xy_px
     return ReadingView(xy, lit, possible & lit, turn_of(xy))
 
 
 def points_of(
     camera_xy_px: FloatArray, projector_xy_px: Float32Array | FloatArray, devices: tuple[PinholeModel, PinholeModel]
-) -> tuple[FloatArray, FloatArray, FloatArray]:
+) -> SeenPoints:
     """Triangulate pairs of pixels, or camera pixels with the projector column or row alone.
 
     Parameters
@@ -101,27 +116,23 @@ def points_of(
 
     Returns
     -------
-    points_m : (N, 3)
-        NaN where there is none, or where stripes that run along the baseline would tell it to worse than 1 %. [m]
-    projector_xy_px : (N, 2)
-        With the missing coordinate that the point has. [px]
-    epipolar_px : (N,)
-        Distance from the epipolar line; NaN where a coordinate was missing. [px]
+    SeenPoints
+        None behind a device, beside the projector's picture, or where less than a quarter of the parallax is across the
+        stripes.
     """
     xy = np.asarray(projector_xy_px, dtype=np.float64)
     coded = np.isfinite(xy).any(axis=0)
     if coded.all() or not len(xy):
         found = triangulate(camera_xy_px, xy, *devices)
-        return found.points_m, xy, found.epipolar_px
+        return SeenPoints(found.points_m, xy, found.epipolar_px, np.zeros(len(xy), dtype=bool))
     k = int(np.argmax(coded))
-    found_m = triangulate_lines(camera_xy_px, xy[:, k], *devices, axis=("column", "row")[k])
-    distance_m = np.linalg.norm(found_m.points_m - devices[0].position_m, axis=1)
+    line = triangulate_lines(camera_xy_px, xy[:, k], *devices, axis=("column", "row")[k])
     with np.errstate(invalid="ignore"):
-        told = found_m.metres_per_px * _LINE_SIGMA_PX < _LEAST_TOLD * distance_m
-    points_m = np.where(told[:, None], found_m.points_m, np.nan)
+        along = line.across < _LEAST_ACROSS
+    points_m = np.where(along[:, None], np.nan, line.points_m)
     filled = xy.copy()
     filled[:, 1 - k] = project(devices[1], points_m)[:, 1 - k]
-    return points_m, filled, np.full(len(xy), np.nan)
+    return SeenPoints(points_m, filled, np.full(len(xy), np.nan), along)
 
 
 def rivals(views: Sequence[ReadingView]) -> tuple[int, ...]:

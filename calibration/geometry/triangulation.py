@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -18,6 +19,10 @@ _LEAST_ANGLE_RAD = 1e-4
 """Between the two rays of a point: below, an error of a tenth of a pixel moves it by more than its distance."""
 _UNDISTORTIONS = 40
 """Rounds of the inverse of distortion: twice what a strong lens (k3 = -1) needs for the last digit."""
+_TORN, _TORN_PX2 = 9.0, 6.0
+"""A projector pixel that no surface's end tears spreads over no more than three times the length of those around, and
+two camera pixels. Of three drawn scenes no point is off any more, of 0.5 to 1 % before; a published scan loses 0.05 % of
+its points with 6, 0.1 % with 3."""
 _NEWTON_STEPS, _NEWTON_SHARE = 6, 1e-5
 """Of the search for a bent column along a ray, and the share of the distance over which its slope is taken: six steps
 reach 1e-6 px behind a strong lens (k1 = -0.3)."""
@@ -64,13 +69,16 @@ class LinePoints:
     metres_per_px: FloatArray
     """(N,) by how much a point moves along its ray for one projector pixel: times that pixel's standard deviation, the
     point's. Large where the baseline is nearly along the stripes."""
+    across: FloatArray
+    """(N,) share of a point's parallax that is across the stripes: 0 where the baseline is along them."""
 
 
 def average_by_projector_pixel(correspondence: Correspondence) -> PixelPairs:
     """Make one pair for each projector pixel that is seen: the mean of the camera pixels that see it.
 
     The mean has the sub-pixel accuracy that the whole codes lack. For unrefined maps: a camera pixel on the
-    border of two codes, whose position is a half, belongs to neither and is left out.
+    border of two codes, whose position is a half, belongs to neither and is left out. So is a projector pixel that a
+    surface's end tears: its camera pixels lie on both sides, and their mean on neither.
 
     Parameters
     ----------
@@ -91,9 +99,35 @@ def average_by_projector_pixel(correspondence: Correspondence) -> PixelPairs:
     index = code[:, 1] * width + code[:, 0]
     count = np.bincount(index, minlength=height * width)
     seen = np.flatnonzero(count)
-    sums = [np.bincount(index, coordinate, height * width)[seen] for coordinate in (columns, rows)]
+    of = _Moments(index, height * width, count)
+    mean = np.column_stack([of.mean(coordinate) for coordinate in (columns, rows)])
+    spread = sum(of.mean(coordinate.astype(np.float64) ** 2) for coordinate in (columns, rows)) - (mean**2).sum(axis=1)
+    whole_cells = ~_torn(np.asarray(spread), count, correspondence.projector_shape)
     projector_xy = np.column_stack([seen % width, seen // width]).astype(np.float64)
-    return PixelPairs(np.column_stack(sums) / count[seen, None], projector_xy, count[seen])
+    return PixelPairs(mean[whole_cells], projector_xy[whole_cells], count[seen][whole_cells])
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class _Moments:
+    """Means over the camera pixels of each projector pixel that is seen."""
+
+    index: NDArray[np.int64]
+    cells: int
+    count: NDArray[np.int64]
+
+    def mean(self, of_pixel: NDArray[np.int64] | FloatArray) -> FloatArray:
+        seen = self.count > 0
+        return np.asarray(np.bincount(self.index, of_pixel, self.cells)[seen] / self.count[seen])
+
+
+def _torn(spread_px2: FloatArray, count: NDArray[np.int64], projector_shape: tuple[int, int]) -> BoolArray:
+    """(N,) projector pixels whose camera pixels lie further apart than those of the projector pixels around."""
+    if not len(spread_px2):
+        return np.zeros(0, dtype=bool)
+    around = np.full(projector_shape, np.median(spread_px2), dtype=np.float32)
+    around[count.reshape(projector_shape) > 0] = spread_px2
+    usual = cv2.medianBlur(around, 5)[count.reshape(projector_shape) > 0]
+    return np.asarray(spread_px2 > _TORN * usual + _TORN_PX2)
 
 
 def triangulate(
@@ -186,7 +220,6 @@ def triangulate_lines(
     wanted = np.asarray(projector_px, dtype=np.float64)
     rays = world_rays(camera, np.asarray(camera_xy_px, dtype=np.float64))
     distance_m = _to_planes(rays, baseline, projector, axis=axis, wanted=wanted)
-    slope = np.full(len(wanted), np.nan)
     for _ in range(_NEWTON_STEPS):
         here, ahead = (_seen_by(projector, camera.position_m + d[:, None] * rays) for d in _near(distance_m))
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -199,7 +232,33 @@ def triangulate_lines(
     with np.errstate(invalid="ignore"):
         found = (np.abs(seen[:, k] - wanted) < _LINE_PX) & (seen > -1).all(axis=1) & (seen < size).all(axis=1)
     points[~found] = np.nan
-    return LinePoints(points, np.where(found, 1 / np.abs(slope), np.nan))
+    parallax = np.abs(parallax_px(points, camera, projector))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return LinePoints(points, distance_m / parallax[:, k], parallax[:, k] / np.hypot(*parallax.T))
+
+
+def parallax_px(points_m: FloatArray, camera: PinholeModel, projector: PinholeModel) -> FloatArray:
+    """Return by how much points move in the projector's picture as they move along their camera rays.
+
+    The standard deviation of a projector pixel, divided by the length of this, is that of a point's distance, as a
+    share of it.
+
+    Parameters
+    ----------
+    points_m : (N, 3)
+        In the world. [m]
+    camera, projector : PinholeModel
+        Poses in one world.
+
+    Returns
+    -------
+    (N, 2)
+        Columns and rows for each doubling of the distance from the camera, in the limit of small steps; NaN where
+        there is no point. [px]
+    """
+    rays = points_m - camera.position_m
+    here, ahead = (_seen_by(projector, camera.position_m + share * rays) for share in (1.0, 1.0 + _NEWTON_SHARE))
+    return np.asarray((ahead - here) / _NEWTON_SHARE)
 
 
 def _to_planes(

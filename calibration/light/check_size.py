@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.arrays import BoolArray, FloatArray
-from calibration.light.blur import PointSpread, footprint_map
+from calibration.light.blur import PointSpread, footprint_map, stretch
 from calibration.structured_light.correspondence import Correspondence
 from calibration.structured_light.patterns import Pattern
 
@@ -16,11 +16,16 @@ PICTURES_AN_AXIS = 4
 """Of stripes: two and their inverses, or four."""
 _WIDE_ENOUGH_PX = 12
 """Stripes' least width: as :mod:`calibration.light.two_level` needs it for a blur of up to 3 px."""
-_TOO_FINE, _LARGE_ENOUGH = 6.5, 7.5
+_TOO_FINE, _LARGE_ENOUGH = 8.0, 9.0
 """Standard deviations of what a camera pixel sees of the picture, in a check. In random rigs' worlds without noise the
 bias of direct and global light is 1.7 and 4.1 % at worst with 5.2 to 5.9, 0.6 and 1.3 % with 7, 0.3 and 0.5 % with 8 or
 more (`benchmarks/calibration/check_sizes.py`): no lens's blur is a Gaussian, that of rig 7202 was told 7 % too narrow,
-and where each pixel of a check has an edge near, direct light follows."""
+and where each pixel of a check has an edge near, direct light follows. Rig 120005, whose camera pixels are as large as
+two of the projector's, lost 2.5 % of direct light with 6.6 and 0.6 % with 10 (decision 117)."""
+_MIDDLE_SIGMAS, _MIDDLE_PX = 2.0, 0.75
+"""From the edges of a check to its middle: of the blur and a camera pixel together, as in
+:mod:`calibration.light.cross_check`, and so that each camera pixel lies there in some of the pictures. Where a camera
+pixel is as large as two of the projector's, its square is most of the blur, and edges tell of that as of a Gaussian."""
 _SHARE = 0.9
 """Of the lit pixels that the checks have to suit; the others are at grazing walls."""
 _LEAST_CHECKS = 8
@@ -60,7 +65,15 @@ def blur_of_picture_px(spread: PointSpread, correspondence: Correspondence, lit:
     return float(np.sqrt(np.quantile(variance.max(axis=-1), _SHARE)))
 
 
-def check_size_px(least_px: int, blur_px: float, projector_shape: tuple[int, int]) -> int:
+def pixel_of_picture_px(correspondence: Correspondence) -> float:
+    """Return the side of a camera pixel in projector pixels that nine out of ten stay below; 0 where none is known."""
+    stretched = stretch(correspondence)[correspondence.valid].max(axis=-1)
+    return float(np.sqrt(np.quantile(stretched, _SHARE))) if len(stretched) else 0.0
+
+
+def check_size_px(
+    least_px: int, blur_px: float, projector_shape: tuple[int, int], *, camera_pixel_px: float = 0.0
+) -> int:
     """Return the side of a check: as small as was asked for, unless blur makes that too fine; then even.
 
     Parameters
@@ -70,10 +83,14 @@ def check_size_px(least_px: int, blur_px: float, projector_shape: tuple[int, int
     blur_px : float
         Of :func:`blur_of_picture_px`.
     projector_shape : (height, width)
+    camera_pixel_px : float
+        Of :func:`pixel_of_picture_px`: checks have a middle that no edge reaches.
     """
-    if least_px >= _TOO_FINE * blur_px:
+    with_middle_px = 2 * (_MIDDLE_SIGMAS * float(np.hypot(blur_px, camera_pixel_px)) + _MIDDLE_PX)
+    if least_px >= max(_TOO_FINE * blur_px, with_middle_px if camera_pixel_px else 0.0):
         return least_px
-    return max(least_px, min(large_enough_px(blur_px), min(projector_shape) // _LEAST_CHECKS))
+    wanted_px = max(large_enough_px(blur_px), 2 * int(np.ceil(with_middle_px / 2)))
+    return max(least_px, min(wanted_px, min(projector_shape) // _LEAST_CHECKS))
 
 
 def large_enough_px(blur_px: float) -> int:

@@ -198,6 +198,26 @@ def separate_by_pattern(
     )
 
 
+def with_more_direct(found: Separation, share: float, *, white: Float32Array) -> Separation:
+    """Return the same with more direct light, by a share of it; global light is what it then leaves of white.
+
+    Parameters
+    ----------
+    found : Separation
+    share : float
+        As :func:`~calibration.light.cross_check.cross_check` finds it by the middles of checks: edges are as wide as
+        blur, whose shape no model knows to the last per cent, and what it leaves is direct light's.
+    white : (H, W) or (H, W, B)
+        Linear light above black of a white picture.
+
+    Returns
+    -------
+    Separation
+    """
+    direct = found.direct * np.float32(1 + share)
+    return replace(found, direct=direct, global_=np.maximum(white - direct, 0).astype(np.float32))
+
+
 def _slope_of_light(light: FloatArray, pictures: Sequence[TwoLevelPicture], seen: Footprint) -> FloatArray:
     """(6, N) direct light, its variance, the pattern's rms change, the variance and the errors (x, y) of the places.
 

@@ -18,6 +18,7 @@ from calibration.structured_light.correspondence import ROUNDING_PX, Corresponde
 from calibration.structured_light.frames import (
     Limit,
     extreme,
+    follows_stripes,
     is_dark,
     mark,
     part,
@@ -115,6 +116,8 @@ def decode_gray(
     reason = np.empty((height, width), dtype=np.uint8)
     flats = _Flats(bright=bright, dark=dark, contrast_limit=np.asarray(contrast_limit))
     for_each_strip(partial(_read_strip, read, flats=flats, reason=reason), reason.shape)
+    if threshold is not None:
+        _mark_unlit(reason, read, bright - np.minimum(dark, bright))
     lonely = isolated([each.twice for each in read], reason == 0, 2 * isolation_px / 2**finest_bit)
     reason[lonely & (reason == PixelReason.VALID)] = PixelReason.ISOLATED
     return _correspondence(read, reason, projector_shape)
@@ -248,6 +251,17 @@ def _read_strip(read: Sequence[_AxisReading], rows: slice, *, flats: _Flats, rea
     for axis in read:
         axis.read(rows, here)
     mark(here, PixelReason.DARK, flats.dark_in(rows))
+
+
+def _mark_unlit(reason: NDArray[np.uint8], read: Sequence[_AxisReading], contrast: Frame) -> None:
+    """Say of which pixels only other surfaces' light is seen: a tone curve makes all of their bits the same.
+
+    A pattern and its inverse, which such light makes equal, need no such question.
+    """
+    fine = [frame for axis in read for frame in axis.pairs.lit[axis.pairs.wide :]]
+    wide = [frame for axis in read for frame in axis.pairs.lit[: axis.pairs.wide]]
+    if fine:
+        mark(reason, PixelReason.WASHED_OUT, (reason == PixelReason.VALID) & ~follows_stripes(fine, wide, contrast))
 
 
 def _correspondence(

@@ -18,6 +18,9 @@ WHOLE = "BH"
 """Letters of the kinds of frames that OpenCV takes as they are: 8 and 16 bits."""
 Limit = float | NDArray[np.floating]
 
+_FOLLOWS, _FOLLOWS_ALL = 0.15, 0.6
+"""Of white minus black: what single stripes change at least, where frames of narrow ones tell, and where a pixel has
+the same bit in all of these, so that the wide ones have to, which change light off other surfaces by up to a half."""
 NOISE_SIGMAS = 2.0
 """`noise_limit` of a code is so many standard deviations of the difference of two frames."""
 
@@ -79,6 +82,24 @@ def extreme(frames: Mapping[str, Frame], choose: np.ufunc) -> Frame:
     for frame in values:
         choose(result, frame, out=result)
     return result
+
+
+def follows_stripes(fine: Sequence[Frame], wide: Sequence[Frame], contrast: Frame) -> BoolArray:
+    """Return (H, W) whether pixels get light and dark from single stripes, not the mean of all from other surfaces.
+
+    Parameters
+    ----------
+    fine, wide : sequence of (H, W)
+        Frames of narrow stripes, which on other surfaces are all as bright, and of wide ones, which need not be.
+    contrast : (H, W)
+        White minus black.
+    """
+    least = np.maximum(contrast, 1)
+    by_fine, by_all = (
+        np.subtract(np.maximum.reduce(frames), np.minimum.reduce(frames), dtype=np.float32)
+        for frames in (fine, [*fine, *wide])
+    )
+    return np.asarray((by_fine > _FOLLOWS * least) | (by_all > _FOLLOWS_ALL * least))
 
 
 @dataclass(frozen=True, eq=False, slots=True)

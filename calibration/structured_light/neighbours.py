@@ -22,6 +22,8 @@ _FEW = 0.1
 
 _BEYOND_PX = 1e6
 """Further than any coordinate."""
+_JUMPS = 3.0
+"""Times the usual spread of 3 × 3 pixels, which is two steps."""
 _BORDER_PX, _BORDER_SIGMA_PX = 2.0, 1.0
 """What a camera pixel beyond the projector's picture gets of it by blur has the coordinate of the picture's last
 pixels: in the simulated rooms up to 2.5 px off."""
@@ -74,6 +76,28 @@ def _isolated(coordinates: Sequence[Coordinate], valid: BoolArray, limit: float)
         if open_.any():
             far |= open_ & (_distance(low, high, open_) > limit)
     return far
+
+
+def beside_jumps(coordinate_px: Float32Array, least_px: float) -> BoolArray:
+    """Find pixels beside which a surface ends: by blur they see light of both sides, and a code of neither.
+
+    Parameters
+    ----------
+    coordinate_px : (H, W)
+        Of one axis; NaN where not valid.
+    least_px : float
+        Smallest jump that counts, where six times the usual step from pixel to pixel is less.
+
+    Returns
+    -------
+    (H, W) bool
+    """
+    valid = np.isfinite(coordinate_px)
+    low, high = _filled(coordinate_px, valid)
+    square = np.ones((3, 3), np.uint8)
+    spread = np.where(valid, cv2.dilate(low, square) - cv2.erode(high, square), 0)
+    usual = float(np.median(spread[valid])) if valid.any() else 0.0
+    return np.asarray(spread > max(least_px, _JUMPS * usual))
 
 
 def _filled(coordinate: Coordinate, valid: BoolArray) -> tuple[Coordinate, Coordinate]:

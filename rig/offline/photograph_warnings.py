@@ -21,10 +21,15 @@ _LEAST_BASELINE_M, _MOST_BASELINE_M = 3e-3, 30.0
 _FULL_SCALE_OF_8_BITS = 255
 _LEAST_OF_FULL_SCALE = 1 / 8
 _MOST_SATURATED = 0.1
+_MOST_CLIPPED = 0.3
+"""Of the bright pixels: what a refusal is put down to."""
 _LEAST_READ = 0.5
 _MOST_OUTSIDE = 0.1
 _MOST_LEFT_OUT = 0.1
 """Of the projector pixels seen; 0.02 on a real object."""
+_MOST_DISTANCE_SIGMA = 0.05
+_MOST_OFF_MIDDLE = 0.15
+"""Of the picture's width or height; lenses of cameras that nobody shifts are 0.08 off at most in the sets at hand."""
 _MOST_EPIPOLAR_PX = 1.0
 """A third of a pixel is what whole codes and right numbers give."""
 
@@ -59,6 +64,19 @@ def warnings_of(manifest: Manifest, photographs: OrderedPhotographs, corresponde
     few = {name: frame[grid, grid] for name, frame in photographs.frames.items() if name.startswith("gray-")}
     losses = _losses(correspondence.reason[grid, grid], lit, correspondence.projector_shape)
     return (*_brightness(manifest.full_scale_dn, few, lit), *losses, *_principal_point(manifest))
+
+
+def exposure_causes(manifest: Manifest, frames: Mapping[str, Photograph]) -> tuple[str, ...]:
+    """Return what the photographs' exposure says of a refusal: pictures that are clipped show no stripes."""
+    coded = [frame for name, frame in frames.items() if name.startswith("gray-")]
+    brightest, full = np.maximum.reduce(coded), manifest.full_scale_dn
+    share = _share(brightest >= full, brightest > full / 2)
+    if share <= _MOST_CLIPPED:
+        return ()
+    return (
+        f"{100 * share:.0f} % of the bright pixels are saturated (limit {100 * _MOST_CLIPPED:g} %), which widens "
+        "stripes and hides what tells photographs apart: expose shorter; by that or not",
+    )
 
 
 def _brightness(full_scale_dn: int, frames: Mapping[str, Photograph], lit: BoolArray) -> tuple[str, ...]:
@@ -121,7 +139,8 @@ def loss_warnings(left_out_share: float, epipolar_median_px: float | None) -> tu
     if left_out_share > _MOST_LEFT_OUT:
         found.append(
             f"{100 * left_out_share:.0f} % of the points were left out (limit {100 * _MOST_LEFT_OUT:g} %), beyond the "
-            "epipolar limit or alone: check that all photographs belong together, the lenses and the crops"
+            "epipolar limit, beside the projector's picture or alone: check that all photographs belong together, the "
+            "lenses and the crops"
         )
     if epipolar_median_px is not None and epipolar_median_px > _MOST_EPIPOLAR_PX:
         found.append(
@@ -129,6 +148,36 @@ def loss_warnings(left_out_share: float, epipolar_median_px: float | None) -> tu
             f"less than {_MOST_EPIPOLAR_PX:g}: check lenses, pose, crops and first_code"
         )
     return tuple(found)
+
+
+def parallax_warnings(distance_sigma_share: float) -> tuple[str, ...]:
+    """Return whether codes tell distances too roughly to be of use."""
+    if distance_sigma_share <= _MOST_DISTANCE_SIGMA:
+        return ()
+    return (
+        f"a point's distance is known to {100 * distance_sigma_share:.0f} % only (median, limit "
+        f"{100 * _MOST_DISTANCE_SIGMA:g} %): camera and projector stand too near to each other for pixels as coarse as "
+        "these; move them apart, or go nearer",
+    )
+
+
+def lone_axis_warnings(manifest: Manifest) -> tuple[str, ...]:
+    """Return whether a camera's principal point is implausible, which columns or rows alone cannot contradict."""
+    if manifest.camera is None or manifest.camera_is_cropped:
+        return ()
+    height, width = manifest.camera_shape
+    off = [
+        abs(at - (length - 1) / 2) / length
+        for at, length in zip(manifest.camera.principal_point_px, (width, height), strict=True)
+    ]
+    x, y = manifest.camera.principal_point_px
+    if max(off) <= _MOST_OFF_MIDDLE:
+        return ()
+    return (
+        f"camera.lens.principal_point_px = ({x:.0f}, {y:.0f}) lies {100 * max(off):.0f} % of the picture from its "
+        f"middle (limit {100 * _MOST_OFF_MIDDLE:g} %), and columns or rows alone cannot contradict it: check its "
+        "order, and whether the photographs were cropped ([camera.crop])",
+    )
 
 
 def lens_warnings(held: HeldPair, epipolar_median_px: float | None) -> tuple[str, ...]:

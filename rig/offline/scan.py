@@ -14,13 +14,15 @@ from calibration.arrays import FloatArray
 from calibration.errors import CalibrationError
 from calibration.geometry.known.pair import HeldPair, hold_pair
 from calibration.geometry.pinhole import PinholeModel
-from calibration.geometry.plausibility import points_of
+from calibration.geometry.plausibility import SeenPoints, points_of
 from calibration.geometry.triangulation import (
     PixelPairs,
     average_by_projector_pixel,
+    parallax_px,
     stands_alone,
 )
 from calibration.structured_light.correspondence import Correspondence, PixelReason
+from calibration.structured_light.neighbours import beside_jumps
 from calibration.structured_light.orientation import without_mirrored
 from calibration.structured_light.subpixel import refine_subpixel
 from rig.devices.replay.photographs import Manifest, Photograph, load_manifest, load_photographs, read_photograph
@@ -29,8 +31,11 @@ from rig.files.atomic import check_output
 from rig.files.ply import write_ply
 from rig.offline.photograph_order import axes_of, decode, in_order, with_files
 from rig.offline.photograph_warnings import (
+    exposure_causes,
     lens_warnings,
+    lone_axis_warnings,
     loss_warnings,
+    parallax_warnings,
     refuse_implausible_unit,
     refuse_wrong_full_scale,
     warnings_of,
@@ -43,6 +48,12 @@ _BIT_LIMIT = 4.5 / 255
 _LEAST_TOLD = 0.5
 _LEAST_TELLING = 100
 """Projector pixels that were seen; fewer say nothing of a lens file."""
+_CODE_SIGMA_PX = 0.3
+"""Of a whole code, whose error is anything within half a pixel."""
+_LEAST_JUMP_PX = 3.0
+"""Of whole codes, which differ by two over three pixels of a smooth surface whose pixels are the projector's."""
+_NORMAL_MEDIAN = 1.4826
+"""Standard deviation of a normal error over the median of its size."""
 _PER_METRE = {"m": 1.0, "mm": 1000.0}
 _FRAME_COMMENT = "axes of the camera: x right, y down, z forward"
 
@@ -106,6 +117,7 @@ def run_scan(
         left_out=scan.left_out,
         mended=scan.mended,
         warnings=scan.warnings,
+        distance_sigma_percent=100 * scan.distance_sigma_share,
         lens_sigma_percent=None if scan.lens_sigma_share is None else 100 * scan.lens_sigma_share,
         seconds=time.perf_counter() - started_s,
         output=output_path,
@@ -127,8 +139,10 @@ class Scan:
     left_out: int
     mended: tuple[str, ...]
     warnings: tuple[str, ...]
+    distance_sigma_share: float
+    """Median standard deviation of a distance that the code leaves open, as a share of it."""
     lens_sigma_share: float | None
-    """Median standard deviation of a distance that a lens file leaves open, as a share of it."""
+    """The same that a lens file leaves open."""
 
 
 def scan_photographs(
@@ -173,10 +187,12 @@ def scan_photographs(
             else _points_by_camera_pixel(correspondence, devices)
         )
     except CalibrationError as error:
-        raise CalibrationFailed(f"{manifest.path}: {with_files(manifest, str(error))}") from error
+        causes = ", ".join((*exposure_causes(manifest, frames), with_files(manifest, str(error))))
+        raise CalibrationFailed(f"{manifest.path}: {causes}") from error
     epipolar_median_px = _agreement_px(manifest.path, found.epipolar_px, epipolar_limit_px)
     kept = _kept(found, epipolar_limit_px)
     _refuse_nothing(manifest.path, correspondence, kept, limit_dn)
+    sigma_share = _sigma_share(found.points_m[kept], devices, epipolar_median_px)
     return Scan(
         points_m=found.points_m[kept],
         camera_xy_px=found.camera_xy_px[kept],
@@ -188,8 +204,11 @@ def scan_photographs(
             *ordered.warnings,
             *warnings_of(manifest, ordered, correspondence),
             *loss_warnings(float((~kept).mean()), epipolar_median_px),
+            *parallax_warnings(sigma_share),
+            *(() if both else lone_axis_warnings(manifest)),
             *(() if held is None else lens_warnings(held, epipolar_median_px)),
         ),
+        distance_sigma_share=sigma_share,
         lens_sigma_share=None if held is None else held.sigma_share,
     )
 
@@ -251,35 +270,53 @@ def _points_by_projector_pixel(
 ) -> _Found:
     """One point for each projector pixel that is seen, or for each cell of the finest stripes that were shown."""
     pairs, projector_xy_px, cells = _by_projector_pixel(manifest, correspondence)
-    points_m, _, epipolar_px = points_of(pairs.camera_xy_px, projector_xy_px, devices)
+    found = points_of(pairs.camera_xy_px, projector_xy_px, devices)
     return _Found(
-        points_m=points_m,
+        points_m=found.points_m,
         camera_xy_px=pairs.camera_xy_px,
-        epipolar_px=epipolar_px,
+        epipolar_px=found.epipolar_px,
         cell_xy=pairs.projector_xy_px,
         cells=cells,
     )
 
 
 def _points_by_camera_pixel(correspondence: Correspondence, devices: tuple[PinholeModel, PinholeModel]) -> _Found:
-    """One point for each camera pixel: columns or rows alone name no projector pixel."""
+    """One point for each camera pixel: columns or rows alone name no projector pixel.
+
+    Without epipolar lines nothing contradicts a code that is of neither side where a surface ends; none is taken there.
+    """
     refined = refine_subpixel(correspondence)
-    row, column = np.nonzero(refined.valid)
+    whole = np.where(correspondence.valid[..., None], correspondence.projector_xy_px, np.float32(np.nan))
+    coded = int(np.argmax(np.isfinite(whole).any(axis=(0, 1))))
+    inside = refined.valid & ~beside_jumps(np.ascontiguousarray(whole[..., coded]), _LEAST_JUMP_PX)
+    row, column = np.nonzero(inside)
     camera_xy_px = np.column_stack([column, row]).astype(np.float64)
-    points_m, _, epipolar_px = points_of(camera_xy_px, refined.projector_xy_px[row, column], devices)
-    told = float(np.isfinite(points_m[:, 0]).mean()) if len(row) else 1.0
-    if told < _LEAST_TOLD:
-        raise CalibrationError(
-            f"columns or rows alone give only {100 * told:.0f} % of their pixels a point (limit "
-            f"{100 * _LEAST_TOLD:g} %): their stripes run along the line from camera to projector; photograph the "
-            "other ones, or both"
-        )
+    found = points_of(camera_xy_px, refined.projector_xy_px[row, column], devices)
+    _refuse_untold(found)
     return _Found(
-        points_m=points_m,
+        points_m=found.points_m,
         camera_xy_px=camera_xy_px,
-        epipolar_px=epipolar_px,
+        epipolar_px=found.epipolar_px,
         cell_xy=None,
         cells=correspondence.projector_shape,
+    )
+
+
+def _refuse_untold(found: SeenPoints) -> None:
+    """Raise CalibrationError where columns or rows alone give few points, by what most of the others lack."""
+    told = float(np.isfinite(found.points_m[:, 0]).mean()) if len(found.points_m) else 1.0
+    if told >= _LEAST_TOLD:
+        return
+    along = float(found.along_stripes.mean())
+    cause = (
+        "the stripes of most run along the line from camera to projector; photograph the other ones, or both"
+        if along >= 1 - told - along
+        else "by lenses and pose, most others lie behind a device or beside the projector's picture; check them, "
+        "[projector.crop] and first_code"
+    )
+    raise CalibrationError(
+        f"columns or rows alone give only {100 * told:.0f} % of their pixels a point (limit {100 * _LEAST_TOLD:g} %): "
+        f"{cause}"
     )
 
 
@@ -294,6 +331,14 @@ def _agreement_px(path: Path, epipolar_px: FloatArray, limit_px: float) -> float
             f"is {limit_px:g} px: check lenses, pose, [projector.crop] and first_code"
         )
     return median_px
+
+
+def _sigma_share(
+    points_m: FloatArray, devices: tuple[PinholeModel, PinholeModel], epipolar_median_px: float | None
+) -> float:
+    """Median standard deviation of distances: pixels err along their epipolar lines as they do across them."""
+    sigma_px = _CODE_SIGMA_PX if epipolar_median_px is None else _NORMAL_MEDIAN * epipolar_median_px
+    return float(sigma_px / np.median(np.hypot(*parallax_px(points_m, *devices).T)))
 
 
 def _kept(found: _Found, epipolar_limit_px: float) -> NDArray[np.bool_]:

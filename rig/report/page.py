@@ -301,9 +301,11 @@ def _check_words(session: Session) -> str:
     record, asked_px = load_separation_record(session), session.profile.patterns.checker_size_px
     if record.stripes_blur_px is None or record.checker_size_px == asked_px:
         return ""
+    pixel = "" if record.camera_pixel_px is None else f", and a camera pixel sees {record.camera_pixel_px:.1f} px of it"
     return (
         f" Checks of {record.checker_size_px} px were shown in place of {asked_px} px: by the code's stripes the "
-        f"picture is blurred by {record.stripes_blur_px:.1f} px. Focusing both lenses brings the smaller ones back."
+        f"picture is blurred by {record.stripes_blur_px:.1f} px{pixel}. Focusing both lenses, or a camera of more "
+        "pixels, brings the smaller ones back."
     )
 
 

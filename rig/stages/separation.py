@@ -10,9 +10,9 @@ import numpy as np
 
 from calibration.arrays import Codes
 from calibration.light.blur import LensBlur, PointSpread, fit_point_spread, footprint_map, variance_sigma_map
-from calibration.light.check_size import blur_of_picture_px, check_size_px, stripes_that_tell
+from calibration.light.check_size import blur_of_picture_px, check_size_px, pixel_of_picture_px, stripes_that_tell
 from calibration.light.cross_check import CrossCheck, cross_check
-from calibration.light.separation import Separation, separate, separate_by_pattern
+from calibration.light.separation import Separation, separate, separate_by_pattern, with_more_direct
 from calibration.light.two_level import Footprint, white_share
 from calibration.radiometry.mosaic import Mosaic
 from calibration.structured_light.correspondence import Correspondence
@@ -68,13 +68,15 @@ class SeparationRecord(Record):
     stripes_blur_px: float | None = None
     """By stripes of the code, before: standard deviation of what a camera pixel sees, in projector pixels.
     None for a code without such stripes."""
+    camera_pixel_px: float | None = None
+    """Side of a camera pixel in projector pixels, at the coarse end; None in sessions of before it was asked for."""
     checks_blur_px: float | None = None
-    """The same by the checks; None in sessions of before it was kept."""
+    """Blur, as that of stripes, by the checks; None in sessions of before it was kept."""
     blur_rms: float
     """What the blurred pattern leaves of a pixel's light, as a share of its direct light."""
     middle_percent: float | None = None
-    """Direct light by the middles of checks alone, less that by all frames, in per cent of it; None where checks have
-    no middle, and in sessions of before it was looked for."""
+    """Direct light by the middles of checks alone, less that by all frames, in per cent of it, which what is kept has
+    more of; None where checks have no middle, and in sessions of before it was looked for."""
     left_out: tuple[str, ...] = ()
     """Pictures of checks that are not what the others make of them."""
     extremes_over_known_pattern: float
@@ -88,9 +90,13 @@ def separation_settings(session: Session) -> JsonObject:
         "exposures_s": json_of(measuring_bracket(session).exposures_s),
         **averaged_settings(measuring_bracket(session)),
         **_whites_settings(white_bracket(session)),
-        "by": "weighted regression on the blurred pattern, places too, with variances",
+        "by": "weighted regression on the blurred pattern, places too, with variances; by middles",
         "lamp": "taken out",
-        "checker": [patterns.checker_size_px, patterns.checker_shifts, "larger where stripes are blurred"],
+        "checker": [
+            patterns.checker_size_px,
+            patterns.checker_shifts,
+            "larger where stripes are blurred, with middles",
+        ],
     }
 
 
@@ -113,8 +119,9 @@ def extra_frames(session: Session, _: int) -> int:
 def separate_light(rig: Rig, session: Session, step: Step, on_step: OnStep) -> None:
     """Step `separation`: photograph white and the checkers, and split white into direct and global light."""
     shape, blur_px = rig.projector.shape, _blur_of_stripes(session)
-    size_px = check_size_px(rig.profile.patterns.checker_size_px, blur_px or 0.0, shape)
-    _say(size_px, blur_px, rig.profile, on_step)
+    pixel_px = pixel_of_picture_px(load_correspondence(session))
+    size_px = check_size_px(rig.profile.patterns.checker_size_px, blur_px or 0.0, shape, camera_pixel_px=pixel_px)
+    _say(size_px, rig.profile, on_step, blur_px=blur_px or 0.0, pixel_px=pixel_px)
     bracket = measuring_bracket(session, repeats=1)
     of_white = white_bracket(session)
     checkers = list(checker_patterns(shape, size_px, rig.profile.patterns.checker_shifts))
@@ -131,7 +138,7 @@ def separate_light(rig: Rig, session: Session, step: Step, on_step: OnStep) -> N
     found, left_out = _without_odd(checks, white, correspondence, on_step)
     _save(step, white, found.bright, found.known, mosaic=radiometric.mosaic)
     step.save_image("blur", _blur_maps(found, mosaic=radiometric.mosaic), folder="maps")
-    step.save_record("separation", _record(found, checks=(size_px, blur_px), left_out=left_out))
+    step.save_record("separation", _record(found, checks=(size_px, blur_px, pixel_px), left_out=left_out))
 
 
 @dataclass(frozen=True, eq=False)
@@ -223,10 +230,11 @@ def _blur_of_stripes(session: Session) -> float | None:
     return blur_of_picture_px(spread, correspondence, lit)
 
 
-def _say(size_px: int, blur_px: float | None, profile: Profile, on_step: OnStep) -> None:
+def _say(size_px: int, profile: Profile, on_step: OnStep, *, blur_px: float, pixel_px: float) -> None:
     """Tell that checks are larger than was asked for."""
     if size_px != profile.patterns.checker_size_px:
-        on_step(f"checks of {size_px} px, for the picture is blurred by {blur_px:.1f} px", 1, 1)
+        why = f"the picture is blurred by {blur_px:.1f} px, a camera pixel sees {pixel_px:.1f} px of it"
+        on_step(f"checks of {size_px} px: {why}", 1, 1)
 
 
 def _told(names: Sequence[str], on_step: OnStep) -> Iterator[str]:
@@ -264,7 +272,9 @@ def _save(step: Step, white: LightImage, bright: Separation, known: Separation, 
     )
 
 
-def _record(found: _Separated, *, checks: tuple[int, float | None], left_out: tuple[str, ...]) -> SeparationRecord:
+def _record(
+    found: _Separated, *, checks: tuple[int, float | None, float], left_out: tuple[str, ...]
+) -> SeparationRecord:
     extremes, direct = (part.direct.mean(axis=-1) for part in (found.bright, found.known))
     lit, spread = _lit_by(direct, found.known), found.spread
     sigmas = np.sqrt(np.diag(spread.covariance))
@@ -274,6 +284,7 @@ def _record(found: _Separated, *, checks: tuple[int, float | None], left_out: tu
         camera_blur=_blur_record(spread.camera, sigmas[4]),
         checker_size_px=checks[0],
         stripes_blur_px=checks[1],
+        camera_pixel_px=checks[2],
         checks_blur_px=blur_of_picture_px(spread, found.finer, lit),
         blur_rms=spread.rms,
         middle_percent=None if found.crossed is None else found.crossed.middle_percent,
@@ -321,6 +332,8 @@ def _separated(checks: _Checks, white: LightImage, correspondence: Correspondenc
     seen, direct = footprint_map(spread, finer), known.direct.mean(axis=-1)
     usable = _lit_by(direct, known)
     crossed = cross_check(grey, checks.codes, correspondence, seen=seen, direct=direct, usable=usable)
+    if crossed is not None and crossed.middle_percent is not None:
+        known = with_more_direct(known, crossed.middle_percent / 100, white=white.value)
     return _Separated(spread=spread, bright=bright, known=known, finer=finer, seen=seen, crossed=crossed)
 
 

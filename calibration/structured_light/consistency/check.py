@@ -32,7 +32,7 @@ from calibration.structured_light.consistency.readings import (
     consistent_readings,
     evidence_of,
 )
-from calibration.structured_light.consistency.still import Movement, exposure_gains, movements
+from calibration.structured_light.consistency.still import Movement, exposure_gains, exposure_gains_alone, movements
 
 _INVERSE = "-inverse"
 _LEAST_PLACES = 200
@@ -92,7 +92,7 @@ def check_gray_frames(frames: Mapping[str, Frame], limit: float) -> PhotographOr
         return _nothing_to_tell(names)
     named: list[tuple[int, int | None]] = [(index[name], index.get(name + _INVERSE)) for name in patterns]
     pairs = [(a, b) for a, b in named if b is not None]
-    gains = _gains(places, pairs) if complete else np.ones(len(names))
+    gains = _gains(places, pairs) if complete else exposure_gains_alone(places.middle)
     seen = normalised(places, gains, complete=complete)
     if complete:
         shown = [_evened(frames[name], float(gain)) for name, gain in zip(names, gains, strict=True)]

@@ -31,6 +31,14 @@ _SHARP, _LEAST_SHARP = 0.75, 5
 _GAINS = (0.3, 3.3)
 _FITS = 0.12
 """Of white minus black: what is left of a pair that is a pair up to its exposures."""
+_TRIED_GAINS = np.geomspace(*_GAINS, 49)
+_NEAR_LEVEL = 0.25
+"""Of lit minus dark: what light of other surfaces, and a tone curve, move a level by."""
+_BOTH_LEVELS, _TELLS_LEVELS = 0.1, 0.75
+"""Shares of places that have each level, and either, in photographs that tell their exposure."""
+_NOT_LIT, _BETTER = 0.05, 0.15
+"""Of a photograph that was exposed otherwise so few places are as bright as lit ones, and so many more have a level
+once it is scaled."""
 _CHANGED, _TONE = 0.2, 0.3
 """A tone curve raises both photographs of fine stripes alike, by up to 1.3; one of the two by less than the first."""
 
@@ -134,6 +142,44 @@ def exposure_gains(values: FloatArray | Float32Array, pairs: Sequence[tuple[int,
         found = _gains_of_pair(values[a].astype(np.float64), values[b].astype(np.float64), total, contrast)
         if np.abs(np.log(found)).max() > _CHANGED:
             gains[[a, b]] = np.where(np.abs(np.log(found)) > _CHANGED, found, 1.0)
+    return gains
+
+
+def exposure_gains_alone(values: FloatArray | Float32Array) -> FloatArray:
+    """Find photographs without complements that were exposed otherwise than the rest.
+
+    A place is lit or dark in each photograph, so it has one of two levels in all of them, but for light of other
+    surfaces; at another exposure it has neither.
+
+    Parameters
+    ----------
+    values : (N, K)
+        All photographs at lit places. [dn]
+
+    Returns
+    -------
+    (N,) float64
+        Exposure relative to the others'; exactly 1 where it differs by less than a fifth, or is not told.
+    """
+    seen = values.astype(np.float64)
+    middle = (seen.max(axis=0) + seen.min(axis=0)) / 2
+    dark, lit = (np.nanmedian(np.where(side, seen, np.nan), axis=0) for side in (seen <= middle, seen >= middle))
+    reach = _NEAR_LEVEL * np.maximum(lit - dark, 1e-6)
+
+    def explained(gain: float) -> FloatArray:
+        """(2, N) shares of the places at which a photograph is dark, and lit, had it been exposed so."""
+        return np.stack([(np.abs(seen / gain - level) < reach).mean(axis=1) for level in (dark, lit)])
+
+    shares = np.stack([explained(float(gain)) for gain in _TRIED_GAINS])
+    # Blurred fine stripes are grey everywhere: at another exposure they would have one of the levels, and never both.
+    either = np.where(shares.min(axis=1) > _BOTH_LEVELS, shares.sum(axis=1), 0.0)
+    best, most, plain = np.argmax(either, axis=0), either.max(axis=0), explained(1.0)
+    found = (most > _TELLS_LEVELS) & (plain[1] < _NOT_LIT) & (plain.sum(axis=0) < most - _BETTER)
+    gains = np.ones(len(seen))
+    for k in np.flatnonzero(found):
+        at_lit = np.abs(seen[k] / _TRIED_GAINS[best[k]] - lit) < reach
+        gain = float(np.median(seen[k, at_lit] / lit[at_lit]))
+        gains[k] = gain if abs(np.log(gain)) > _CHANGED else 1.0
     return gains
 
 

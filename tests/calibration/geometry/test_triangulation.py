@@ -111,6 +111,17 @@ def test_camera_pixels_of_one_projector_pixel_are_averaged() -> None:
     assert pairs.n_pixels.tolist() == [3, 1]
 
 
+def test_a_projector_pixel_that_the_end_of_a_surface_tears_has_no_place() -> None:
+    row, column = np.mgrid[:24, :40]
+    codes = np.stack([column // 2, row // 2], axis=-1).astype(np.float32)
+    codes[:, 20:30] = np.nan  # hidden
+    codes[:, 30:, 0] -= 5  # the rest of the same stripe, six pixels further
+    codes[:, 19:20, 0] = 10
+    pairs = average_by_projector_pixel(Correspondence(codes, np.isnan(codes[..., 0]).astype(np.uint8), (12, 20)))
+    assert 10 not in pairs.projector_xy_px[:, 0], "column 10 is seen at 19, and at 30 and 31"
+    assert {8, 11, 12} <= set(pairs.projector_xy_px[:, 0])
+
+
 def test_a_point_far_from_its_neighbours_stands_alone() -> None:
     column, row = np.meshgrid(np.arange(10.0), np.arange(6.0))
     xy = np.column_stack([column.ravel(), row.ravel()])

@@ -5,7 +5,13 @@ import numpy as np
 import pytest
 
 from calibration.light.blur import fit_point_spread, variance_sigma_map
-from calibration.light.check_size import PICTURES_AN_AXIS, blur_of_picture_px, check_size_px, stripes_that_tell
+from calibration.light.check_size import (
+    PICTURES_AN_AXIS,
+    blur_of_picture_px,
+    check_size_px,
+    pixel_of_picture_px,
+    stripes_that_tell,
+)
 from calibration.structured_light.correspondence import Correspondence
 from calibration.structured_light.gray import gray_code_patterns
 from calibration.structured_light.patterns import Pattern, checker_patterns, flat
@@ -70,13 +76,28 @@ def test_a_code_without_black_and_white_stripes_along_both_axes_tells_nothing() 
 
 
 @pytest.mark.parametrize(
-    ("blur_px", "side_px"), [(0.0, 8), (1.2, 8), (1.45, 12), (2.2, 18), (2.54, 20), (2.9, 22), (4.1, 32), (50.0, 48)]
+    ("blur_px", "side_px"), [(0.0, 8), (1.0, 8), (1.2, 12), (2.2, 20), (2.54, 24), (2.9, 28), (4.1, 38), (50.0, 48)]
 )
 def test_checks_grow_when_blur_makes_them_too_fine_and_stay_several_in_the_picture(
     blur_px: float, side_px: int
 ) -> None:
     assert check_size_px(8, blur_px, (384, 512)) == side_px
     assert len(list(checker_patterns((384, 512), side_px))) == 25
+
+
+@pytest.mark.parametrize(("camera_pixel_px", "side_px"), [(0.5, 8), (1.2, 8), (2.4, 12), (2.8, 14), (90.0, 48)])
+def test_checks_grow_where_camera_pixels_are_too_coarse_to_see_their_middles(
+    camera_pixel_px: float, side_px: int
+) -> None:
+    assert check_size_px(8, 0.9, (384, 512), camera_pixel_px=camera_pixel_px) == side_px
+
+
+def test_a_camera_pixel_is_as_large_as_its_neighbours_are_apart() -> None:
+    there = correspondence()
+    wide = Correspondence(2.5 * there.projector_xy_px, there.reason, (500, 500))
+    assert pixel_of_picture_px(there) == pytest.approx(1)
+    assert pixel_of_picture_px(wide) == pytest.approx(2.5)
+    assert pixel_of_picture_px(Correspondence(there.projector_xy_px, np.ones_like(there.reason), PROJECTOR)) == 0
 
 
 def test_checks_are_never_smaller_than_asked_for() -> None:

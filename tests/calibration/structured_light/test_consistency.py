@@ -10,7 +10,7 @@ from calibration.errors import CalibrationError
 from calibration.structured_light.consistency.check import check_gray_frames
 from calibration.structured_light.consistency.complements import refuse_stale_frames
 from calibration.structured_light.consistency.readings import Slots
-from calibration.structured_light.consistency.still import exposure_gains, movements
+from calibration.structured_light.consistency.still import exposure_gains, exposure_gains_alone, movements
 from calibration.structured_light.gray import CodeName, gray_code_patterns
 from calibration.structured_light.patterns import flat
 
@@ -102,6 +102,31 @@ def test_the_exposure_of_one_frame_is_found_from_what_its_pair_lacks(frames: dic
     gains = exposure_gains(values, [(k, k + 1) for k in range(0, len(values), 2)])
     assert gains[5] == pytest.approx(0.5, abs=0.05)
     assert (np.delete(gains, 5) == 1).all()
+
+
+def without_inverses(frames: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    return {name: frame for name, frame in frames.items() if not name.endswith("-inverse")}
+
+
+@pytest.mark.parametrize("gain", [0.5, 0.7, 1.6])
+def test_the_exposure_of_a_frame_without_inverse_is_found_from_the_two_levels_of_every_place(
+    frames: dict[str, np.ndarray], gain: float
+) -> None:
+    plain = without_inverses(frames)
+    values = np.stack([frame.ravel()[::7] for frame in plain.values()]).astype(np.float64)
+    assert (exposure_gains_alone(values) == 1).all()
+    for k in range(len(values)):
+        changed = values.copy()
+        changed[k] *= gain
+        gains = exposure_gains_alone(changed)
+        assert gains[k] == pytest.approx(gain, rel=0.1)
+        assert (np.delete(gains, k) == 1).all()
+
+
+def test_stripes_that_are_all_blur_are_not_taken_for_another_exposure(frames: dict[str, np.ndarray]) -> None:
+    values = np.stack([frame.ravel()[::7] for frame in without_inverses(frames).values()]).astype(np.float64)
+    values[-1] = (values.min(axis=0) + values.max(axis=0)) / 2
+    assert (exposure_gains_alone(values) == 1).all()
 
 
 def test_the_exposure_of_a_frame_is_found_where_the_view_lies_within_a_wide_stripe(

@@ -10,6 +10,8 @@ from calibration.errors import CalibrationError
 from calibration.structured_light.correspondence import Correspondence, PixelReason
 from calibration.structured_light.decode import decode_gray
 from calibration.structured_light.gray import gray_code_patterns
+from calibration.structured_light.neighbours import beside_jumps
+from calibration.structured_light.patterns import flat
 from calibration.structured_light.subpixel import refine_subpixel
 
 PROJECTOR = (96, 128)
@@ -75,6 +77,33 @@ def test_decoding_works_without_inverses() -> None:
     decoded = decode_gray(frames, PROJECTOR, white=white, black=black, contrast_limit=20, bit_limit=10)
     assert decoded.valid.mean() > 0.95
     assert np.array_equal(decoded.projector_xy_px[decoded.valid], np.rint(xy)[decoded.valid])
+
+
+@pytest.mark.parametrize("tone", [1.0, 2.2])
+def test_pixels_that_only_other_surfaces_light_have_no_code_without_inverses(tone: float) -> None:
+    """A tone curve lifts the half of white that each picture of stripes puts there: all bits would be 1."""
+    height, width = 96, 128
+    frames, lit = {}, np.s_[:, : width // 2]
+    for pattern in [flat((48, 64), 255, "white"), flat((48, 64), 0, "black"), *gray_code_patterns((48, 64))]:
+        shown = np.kron(pattern.codes / 255, np.ones((2, 2)))
+        light = np.full((height, width), 0.02 + 0.3 * shown.mean())
+        light[lit] += 0.6 * shown[lit]
+        frames[pattern.name] = np.rint(255 * light ** (1 / tone)).astype(np.uint8)
+    plain = {name: frame for name, frame in frames.items() if "gray" in name and "inverse" not in name}
+    limits = {"contrast_limit": 9.0, "bit_limit": 4.5}
+    found = decode_gray(plain, (48, 64), white=frames["white"], black=frames["black"], **limits)
+    assert found.valid[lit].mean() > 0.9
+    assert not found.valid[:, width // 2 + 1 :].any()
+
+
+def test_no_point_is_taken_beside_the_end_of_a_surface() -> None:
+    coordinate = np.tile(np.arange(40, dtype=np.float32), (20, 1))
+    coordinate[:, 25:] += 9
+    coordinate[5, 5] = np.nan
+    found = beside_jumps(coordinate, 3.0)
+    assert np.flatnonzero(found.any(axis=0)).tolist() == [24, 25]
+    assert not beside_jumps(4 * coordinate[:, :25], 3.0).any(), "steps of four are usual here"
+    assert not beside_jumps(np.full((4, 4), np.nan, np.float32), 3.0).any()
 
 
 def test_more_bits_than_the_projector_needs_are_used() -> None:

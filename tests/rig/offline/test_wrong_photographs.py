@@ -20,7 +20,7 @@ from rig.devices.replay.photographs import load_manifest
 from rig.errors import CalibrationFailed, ProfileError
 from rig.files.pictures import write_png
 from rig.offline.photograph_order import with_files
-from rig.offline.photograph_warnings import refuse_implausible_unit
+from rig.offline.photograph_warnings import lone_axis_warnings, parallax_warnings, refuse_implausible_unit
 from rig.offline.scan import run_scan
 
 ROOT = Path(__file__).parents[3]
@@ -127,6 +127,14 @@ def test_rows_alone_are_enough_where_the_projector_stands_above(bench: SimpleNam
     assert outcome.points > 20_000
 
 
+def test_rows_alone_of_lenses_that_are_not_theirs_are_refused_by_that(bench: SimpleNamespace, relief: Any) -> None:
+    camera, projector = relief.devices
+    other = replace(relief, devices=(camera, replace(projector, translation_m=-projector.translation_m)))
+    outcome = bench.outcome_of(other, "rows", "", only("row", relief.frames))
+    assert outcome.verdict == "refused"
+    assert "lie behind a device or beside the projector's picture; check them" in outcome.message
+
+
 def test_columns_alone_are_refused_there(bench: SimpleNamespace, relief: Any) -> None:
     outcome = bench.outcome_of(relief, "columns", "", only("column", relief.frames))
     assert outcome.verdict == "refused"
@@ -150,6 +158,50 @@ def test_wrong_order_without_inverses_is_found_too(bench: SimpleNamespace, relie
     wrong = bench.outcome_of(relief, "plain", "", exchanged("gray-row-03", "gray-row-04")(plain))
     assert (right.verdict, wrong.verdict) == ("passed", "mended")
     assert wrong.points == right.points
+
+
+def test_half_an_exposure_without_inverses_is_scaled_and_said(bench: SimpleNamespace, relief: Any) -> None:
+    plain = {name: frame for name, frame in relief.frames.items() if not name.endswith("-inverse")}
+    every = list(relief.frames.values())
+    plain |= {"white": np.maximum.reduce(every), "black": np.minimum.reduce(every)}
+    half = {name: {**plain, name: (plain[name] * 0.5).astype(np.uint8)} for name in ("gray-row-03", "gray-row-06")}
+    mended, untold = (bench.outcome_of(relief, "plain", "", frames) for frames in half.values())
+    assert mended.verdict == "mended"
+    assert "gray-row-03.png is 0.50 times as bright" in mended.message
+    assert mended.off < 0.01
+    assert untold.verdict in ("refused", "warned"), (
+        "all lit, or all stripes are blurred: only that it does not fit is known"
+    )
+
+
+def test_photographs_that_are_clipped_are_refused_by_that_and_not_by_their_order(
+    bench: SimpleNamespace, relief: Any
+) -> None:
+    clipped = {name: np.minimum(frame.astype(int) * 14, 255).astype(np.uint8) for name, frame in relief.frames.items()}
+    outcome = bench.outcome_of(relief, "clipped", "", clipped)
+    assert outcome.verdict == "refused"
+    assert "of the bright pixels are saturated (limit 30 %)" in outcome.message
+    assert "expose shorter; by that or not, gray-" in outcome.message
+
+
+def test_a_scan_says_how_well_codes_tell_distances(files: Path, relief: Any) -> None:
+    result = run_scan(manifest_of(files, relief), files / "cloud.ply")
+    # 0.22 m apart, 1 m away, 240 px focal length: a tenth of a pixel moves a point by 0.2 % of its distance.
+    assert result.distance_sigma_percent == pytest.approx(
+        1.4826 * (result.epipolar_median_px or 0) / 240 / 0.0022, rel=0.3
+    )
+
+
+def test_devices_too_near_to_each_other_for_their_pixels_are_a_warning(files: Path, relief: Any) -> None:
+    (warning,) = parallax_warnings(0.08)
+    assert "known to 8 % only (median, limit 5 %)" in warning
+    assert parallax_warnings(0.04) == ()
+
+
+def test_a_principal_point_far_from_the_middle_is_said_where_nothing_contradicts_it(files: Path, relief: Any) -> None:
+    manifest = load_manifest(manifest_of(files, relief, principal_point_px="[100.0, 143.5]"))
+    (warning,) = lone_axis_warnings(manifest)
+    assert "lies 24 % of the picture from its middle (limit 15 %)" in warning
 
 
 def manifest_of(folder: Path, relief: Any, **changes: str) -> Path:
