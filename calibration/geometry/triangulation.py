@@ -21,8 +21,8 @@ _UNDISTORTIONS = 40
 """Rounds of the inverse of distortion: twice what a strong lens (k3 = -1) needs for the last digit."""
 _TORN, _TORN_PX2 = 9.0, 6.0
 """A projector pixel that no surface's end tears spreads over no more than three times the length of those around, and
-two camera pixels. Of three drawn scenes no point is off any more, of 0.5 to 1 % before; a published scan loses 0.05 % of
-its points with 6, 0.1 % with 3."""
+two camera pixels. Of three drawn scenes no point is off any more, of 0.5 to 1 % before; a published scan loses 0.05 %
+of its points with 6, 0.1 % with 3."""
 _NEWTON_STEPS, _NEWTON_SHARE = 6, 1e-5
 """Of the search for a bent column along a ray, and the share of the distance over which its slope is taken: six steps
 reach 1e-6 px behind a strong lens (k1 = -0.3)."""
