@@ -33,6 +33,7 @@ _NOT_OF_A_BOX = (
     "lie on a flat wall that does not go",
 )
 """Its walls are flat and square: who says otherwise is wrong."""
+_AT_EDGE_PX = 3.0
 _NARROW_PX = 6.0
 """Nearer to the rim of the camera's picture, or of the wall's edge, a spot need not be found."""
 
@@ -47,6 +48,8 @@ class Seen:
     """Share of the lit pixels on each wall that has any."""
     spots_seen: tuple[bool, ...]
     """Whether each spot of the tape lies in the camera's picture."""
+    spots_at_edges: tuple[bool, ...]
+    """Whether the projector's pixels around each, three away, light different walls."""
     left_open: str | None = None
     """What exact correspondences of its walls, with a code's noise, are refused with; None where they are not."""
 
@@ -69,7 +72,16 @@ def seen_of(profile: Profile) -> Seen | None:
     spots = np.array(profile.scale.spots_px or (), dtype=np.float64).reshape(-1, 2)
     there = trace(world.room, world.projector.position_m, directions(world.projector, spots)).points_m
     in_view = _within(pixels_of(world.camera, there), world.camera.shape, -_NARROW_PX)
-    return Seen(lit_share=float(lit.mean()), walls=walls, spots_seen=tuple(bool(one) for one in in_view))
+    around = _AT_EDGE_PX * np.array([(x, y) for x in (-1, 0, 1) for y in (-1, 0, 1)], dtype=np.float64)
+    beside = [
+        trace(world.room, world.projector.position_m, directions(world.projector, spot + around)) for spot in spots
+    ]
+    return Seen(
+        lit_share=float(lit.mean()),
+        walls=walls,
+        spots_seen=tuple(bool(one) for one in in_view),
+        spots_at_edges=tuple(bool(np.ptp(one.wall) > 0) for one in beside),
+    )
 
 
 def with_what_is_left_open(seen: Seen, profile: Profile) -> Seen:
@@ -100,6 +112,8 @@ def is_refusal_true(said: str, seen: Seen | None) -> bool | None:
         return False
     if "has no measured wall around it" in said:
         return not all(seen.spots_seen)
+    if "of the edge between two walls" in said:
+        return any(seen.spots_at_edges)
     share = re.search(r"only ([0-9.]+) % of the camera's pixels have a projector pixel", said)
     if share:
         return seen.lit_share < 0.02

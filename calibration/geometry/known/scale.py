@@ -12,6 +12,11 @@ from calibration.errors import CalibrationError
 from calibration.geometry.pinhole import points_on_planes, world_rays
 from calibration.geometry.stereo import StereoCalibration
 
+_EDGE_PX, _SAME_PLACE = 3.0, 0.003
+"""Nearer to an edge, points around a spot may be those of the other wall: they are sought within 3 % of the lit width.
+Walls that are no more than a tape's error apart may be taken for each other."""
+_AROUND_PX = _EDGE_PX * np.array([(x, y) for x in (-1, 0, 1) for y in (-1, 0, 1)], dtype=np.float64)
+
 
 def _scaled(stereo: StereoCalibration, factor: float) -> StereoCalibration:
     """Multiply every length by a factor."""
@@ -58,9 +63,10 @@ def scale_from_spots(stereo: StereoCalibration, spots_px: ArrayLike, distance_m:
     Raises
     ------
     CalibrationError
-        If nothing was measured around a spot, or both are one place.
+        If nothing was measured around a spot, a spot lies where two walls meet, or both are one place.
     """
     pixels = np.asarray(spots_px, dtype=np.float64)
+    _refuse_edges(stereo, pixels)
     unknown = np.flatnonzero(_planes_at(stereo, pixels) < 0)
     if len(unknown):
         named = " and ".join(f"({x:g}, {y:g})" for x, y in pixels[unknown])
@@ -98,8 +104,34 @@ def points_of_projector_pixels(stereo: StereoCalibration, xy_px: FloatArray) -> 
 def _planes_at(stereo: StereoCalibration, xy_px: FloatArray) -> IntArray:
     """(N,) plane that projector pixels light: of the points around, or of the nearest if their ray meets it first."""
     around, beside = stereo.explained.plane_at(xy_px), stereo.explained.plane_beside(xy_px)
+    first = _along(stereo, xy_px).argmin(axis=1)
+    return np.where(around >= 0, around, np.where(beside == first, beside, -1))
+
+
+def _along(stereo: StereoCalibration, xy_px: FloatArray) -> FloatArray:
+    """(N, K) how far along their rays projector pixels (N, 2) meet each plane; infinite behind the projector."""
     origin, rays = stereo.projector.position_m, world_rays(stereo.projector, xy_px)
     with np.errstate(divide="ignore"):
         along = (1 - stereo.planes @ origin)[None, :] / (rays @ stereo.planes.T)
-    first = np.where(along > 0, along, np.inf).argmin(axis=1)
-    return np.where(around >= 0, around, np.where(beside == first, beside, -1))
+    return np.where(along > 0, along, np.inf)
+
+
+def _refuse_edges(stereo: StereoCalibration, spots_px: FloatArray) -> None:
+    """Raise CalibrationError for a spot that the points around put on a wall behind another one that ends there.
+
+    The camera may not see the grazing wall of a corner, or not the spot itself; the nearest points are then beyond the
+    edge, and the tape would be laid there.
+    """
+    around = stereo.explained.plane_at(spots_px)
+    for spot, told, along in zip(spots_px, around, _along(stereo, spots_px), strict=True):
+        first = int(along.argmin())
+        if told < 0 or first == told or along[told] < (1 + _SAME_PLACE) * along[first]:
+            continue
+        near = _along(stereo, spot + _AROUND_PX)
+        if (near[:, told] < near[:, first]).any():
+            x, y = spot
+            raise CalibrationError(
+                f"spot ({x:g}, {y:g}) px of [scale] lies within {_EDGE_PX:g} px of the edge between two walls: "
+                f"they are {100 * (along[told] / along[first] - 1):.2g} % of its distance apart there, and the "
+                "camera does not tell on which it is; choose spots further from edges, and measure"
+            )

@@ -19,7 +19,7 @@ from calibration.geometry.contradictions import (
 )
 from calibration.geometry.flat import rivals
 from calibration.geometry.flat.left_out import check_none_left_out
-from calibration.geometry.known.scale import scale_from_spots
+from calibration.geometry.known.scale import _along, scale_from_spots
 from calibration.geometry.noise import covariance, observation_variance
 from calibration.geometry.pinhole import PinholeModel
 from calibration.geometry.plane_bundle import refit, transfer_of
@@ -237,10 +237,9 @@ def test_sigmas_are_true_where_whole_lines_of_the_projector_share_their_error(ax
     assert slopes_over_sigma(CAMERA_PX, None, errors()) > 1.5
 
 
-def test_a_spot_that_nothing_was_measured_around_is_refused_by_name(corner):
-    scene, _, _ = corner
-    around = np.stack(np.meshgrid(np.arange(800.0, 900), np.arange(250.0, 350)), -1).reshape(-1, 2)
-    stereo = StereoCalibration(
+def calibrated(scene, explained_px, plane):
+    """A calibration whose points all lie on one plane."""
+    return StereoCalibration(
         camera=scene.camera,
         projector=scene.projector,
         planes=scene.planes,
@@ -251,10 +250,30 @@ def test_a_spot_that_nothing_was_measured_around_is_refused_by_name(corner):
         projector_rms_px=0.1,
         sigmas={},
         inlier_share=1.0,
-        explained=ExplainedPixels(projector_xy_px=around, plane=np.zeros(len(around), dtype=np.int64)),
+        explained=ExplainedPixels(projector_xy_px=explained_px, plane=np.full(len(explained_px), plane)),
     )
+
+
+def test_a_spot_that_nothing_was_measured_around_is_refused_by_name(corner):
+    scene, _, _ = corner
+    around = np.stack(np.meshgrid(np.arange(800.0, 900), np.arange(250.0, 350)), -1).reshape(-1, 2)
+    stereo = calibrated(scene, around, plane=0)
     with pytest.raises(CalibrationError, match=r"spot \(150, 300\) px of .* no measured wall around it"):
         scale_from_spots(stereo, [[150, 300], [870, 300]], 1.0)
+
+
+def test_a_spot_at_the_edge_of_two_walls_of_which_the_camera_sees_the_other_is_refused(corner):
+    """Beyond the edge points were measured, on this side none: the tape would be laid on the wall beyond."""
+    scene, _, _ = corner
+    line = np.column_stack([np.arange(100.0, 900), np.full(800, 300.0)])
+    first = _along(scene, line).argmin(axis=1)
+    edge = int(np.flatnonzero(np.diff(first))[0])
+    stereo = calibrated(scene, line[edge + 1 :], plane=int(first[edge + 1]))
+    apart = line[edge + 30]
+    with pytest.raises(CalibrationError, match=r"lies within 3 px of the edge between two walls: they are .* % of"):
+        scale_from_spots(stereo, [line[edge - 2], apart], 1.0)
+    with pytest.raises(CalibrationError, match="has no measured wall around it"):
+        scale_from_spots(stereo, [line[edge - 80], apart], 1.0)
 
 
 def test_a_spot_lies_on_the_plane_of_its_neighbourhood():
