@@ -117,7 +117,7 @@ def decode_gray(
     flats = _Flats(bright=bright, dark=dark, contrast_limit=np.asarray(contrast_limit))
     for_each_strip(partial(_read_strip, read, flats=flats, reason=reason), reason.shape)
     if threshold is not None:
-        _mark_unlit(reason, read, bright - np.minimum(dark, bright))
+        _mark_unlit(reason, read, bright=bright, dark=dark)
     lonely = isolated([each.twice for each in read], reason == 0, 2 * isolation_px / 2**finest_bit)
     reason[lonely & (reason == PixelReason.VALID)] = PixelReason.ISOLATED
     return _correspondence(read, reason, projector_shape)
@@ -253,15 +253,16 @@ def _read_strip(read: Sequence[_AxisReading], rows: slice, *, flats: _Flats, rea
     mark(here, PixelReason.DARK, flats.dark_in(rows))
 
 
-def _mark_unlit(reason: NDArray[np.uint8], read: Sequence[_AxisReading], contrast: Frame) -> None:
+def _mark_unlit(reason: NDArray[np.uint8], read: Sequence[_AxisReading], *, bright: Frame, dark: Frame) -> None:
     """Say of which pixels only other surfaces' light is seen: a tone curve makes all of their bits the same.
 
     A pattern and its inverse, which such light makes equal, need no such question.
     """
     fine = [frame for axis in read for frame in axis.pairs.lit[axis.pairs.wide :]]
     wide = [frame for axis in read for frame in axis.pairs.lit[: axis.pairs.wide]]
-    if fine:
-        mark(reason, PixelReason.WASHED_OUT, (reason == PixelReason.VALID) & ~follows_stripes(fine, wide, contrast))
+    if fine and wide:
+        unlit = ~follows_stripes(fine, wide, bright=bright, dark=dark)
+        mark(reason, PixelReason.WASHED_OUT, unlit & (reason == PixelReason.VALID))
 
 
 def _correspondence(

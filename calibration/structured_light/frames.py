@@ -21,6 +21,9 @@ Limit = float | NDArray[np.floating]
 _FOLLOWS, _FOLLOWS_ALL = 0.15, 0.6
 """Of white minus black: what single stripes change at least, where frames of narrow ones tell, and where a pixel has
 the same bit in all of these, so that the wide ones have to, which change light off other surfaces by up to a half."""
+_LIKE_BLACK, _LIKE_WHITE = 0.2, 0.9
+"""Between, of white minus black, lies the mean of all stripes: a half, or three quarters by a tone curve. A pixel whose
+bits are all the same has one of these levels in all frames."""
 NOISE_SIGMAS = 2.0
 """`noise_limit` of a code is so many standard deviations of the difference of two frames."""
 
@@ -84,22 +87,25 @@ def extreme(frames: Mapping[str, Frame], choose: np.ufunc) -> Frame:
     return result
 
 
-def follows_stripes(fine: Sequence[Frame], wide: Sequence[Frame], contrast: Frame) -> BoolArray:
+def follows_stripes(fine: Sequence[Frame], wide: Sequence[Frame], *, bright: Frame, dark: Frame) -> BoolArray:
     """Return (H, W) whether pixels get light and dark from single stripes, not the mean of all from other surfaces.
 
     Parameters
     ----------
     fine, wide : sequence of (H, W)
         Frames of narrow stripes, which on other surfaces are all as bright, and of wide ones, which need not be.
-    contrast : (H, W)
-        White minus black.
+    bright, dark : (H, W)
+        White and black.
     """
-    least = np.maximum(contrast, 1)
-    by_fine, by_all = (
-        np.subtract(np.maximum.reduce(frames), np.minimum.reduce(frames), dtype=np.float32)
-        for frames in (fine, [*fine, *wide])
+    contrast = np.maximum(np.subtract(bright, dark, dtype=np.float32), 1)
+    low, high = np.minimum.reduce(fine), np.maximum.reduce(fine)
+    by_fine = np.subtract(high, low, dtype=np.float32)
+    by_all = np.subtract(
+        np.maximum(high, np.maximum.reduce(wide)), np.minimum(low, np.minimum.reduce(wide)), dtype=np.float32
     )
-    return np.asarray((by_fine > _FOLLOWS * least) | (by_all > _FOLLOWS_ALL * least))
+    is_dark = np.subtract(high, dark, dtype=np.float32) < _LIKE_BLACK * contrast
+    is_lit = np.subtract(low, dark, dtype=np.float32) > _LIKE_WHITE * contrast
+    return np.asarray((by_fine > _FOLLOWS * contrast) | (by_all > _FOLLOWS_ALL * contrast) | is_dark | is_lit)
 
 
 @dataclass(frozen=True, eq=False, slots=True)

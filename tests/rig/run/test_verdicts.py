@@ -231,8 +231,8 @@ def test_checks_that_are_too_fine_for_the_blur_that_they_show_are_outside_with_t
     (found,) = checks_verdicts(separated(8, 1.72))
     assert not found.met
     assert found.value == pytest.approx(4.65, abs=0.01)
-    assert "checker_size_px = 14" in found.advice
-    (found,) = checks_verdicts(separated(14, 1.72))
+    assert "checker_size_px = 16" in found.advice
+    (found,) = checks_verdicts(separated(16, 1.72))
     assert found.met
 
 
