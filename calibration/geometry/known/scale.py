@@ -66,15 +66,16 @@ def scale_from_spots(stereo: StereoCalibration, spots_px: ArrayLike, distance_m:
         If nothing was measured around a spot, a spot lies where two walls meet, or both are one place.
     """
     pixels = np.asarray(spots_px, dtype=np.float64)
-    _refuse_edges(stereo, pixels)
-    unknown = np.flatnonzero(_planes_at(stereo, pixels) < 0)
+    which = _planes_at(stereo, pixels)
+    _refuse_edges(stereo, pixels, which)
+    unknown = np.flatnonzero(which < 0)
     if len(unknown):
         named = " and ".join(f"({x:g}, {y:g})" for x, y in pixels[unknown])
         raise CalibrationError(
             f"spot {named} px of [scale] spots_px has no measured wall around it: the camera does not see there what "
             "the projector lights, or no wall explains it; choose spots on bare walls that the camera sees, and measure"
         )
-    spots = points_of_projector_pixels(stereo, pixels)
+    spots = points_on_planes(stereo.projector, pixels, stereo.planes[which])
     measured = float(np.linalg.norm(spots[1] - spots[0]))
     if measured < 1e-6:
         raise CalibrationError("the two spots of [scale] spots_px are one place; choose two far apart")
@@ -116,14 +117,13 @@ def _along(stereo: StereoCalibration, xy_px: FloatArray) -> FloatArray:
     return np.where(along > 0, along, np.inf)
 
 
-def _refuse_edges(stereo: StereoCalibration, spots_px: FloatArray) -> None:
+def _refuse_edges(stereo: StereoCalibration, spots_px: FloatArray, which: IntArray) -> None:
     """Raise CalibrationError for a spot that the points around put on a wall behind another one that ends there.
 
     The camera may not see the grazing wall of a corner, or not the spot itself; the nearest points are then beyond the
     edge, and the tape would be laid there.
     """
-    around = stereo.explained.plane_at(spots_px)
-    for spot, told, along in zip(spots_px, around, _along(stereo, spots_px), strict=True):
+    for spot, told, along in zip(spots_px, which, _along(stereo, spots_px), strict=True):
         first = int(along.argmin())
         if told < 0 or first == told or along[told] < (1 + _SAME_PLACE) * along[first]:
             continue
