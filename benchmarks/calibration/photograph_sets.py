@@ -54,10 +54,14 @@ class PhotographSet:
 
     def off_share(self, scan: Scan) -> float:
         """Share of a scan's points whose depth is off by more than 1 %."""
+        errors = self.depth_errors(scan)
+        return float((np.abs(errors) > OFF).mean()) if len(errors) else float("nan")
+
+    def depth_errors(self, scan: Scan) -> FloatArray:
+        """Relative errors of depth of those of a scan's points of which the depth is known."""
         distance, nearest = cKDTree(self.known_xy_px).query(scan.camera_xy_px)
-        near = distance < 3
-        error = np.abs(scan.points_m[:, 2] / self.known_depth_m[nearest] - 1)
-        return float((error[near] > OFF).mean()) if near.any() else float("nan")
+        errors = scan.points_m[:, 2] / self.known_depth_m[nearest] - 1
+        return np.asarray(errors[distance < 3])
 
 
 def cropped(photographs: PhotographSet, share: tuple[float, float, float, float]) -> PhotographSet:

@@ -96,3 +96,24 @@ def check_size_px(
 def large_enough_px(blur_px: float) -> int:
     """Return the side of checks, even, that a blur leaves as they are."""
     return 2 * int(np.ceil(_LARGE_ENOUGH * blur_px / 2))
+
+
+def why_checks_are_larger(stripes_blur_px: float | None, camera_pixel_px: float | None) -> str:
+    """Return what asks for checks of more pixels than a profile says.
+
+    Parameters
+    ----------
+    stripes_blur_px : float, optional
+        By the code's stripes; None where it has none.
+    camera_pixel_px : float, optional
+        Side of a camera pixel; None in sessions of before it was asked for. [px of the projector]
+
+    Returns
+    -------
+    str
+    """
+    blur = (
+        None if stripes_blur_px is None else f"by the code's stripes the picture is blurred by {stripes_blur_px:.1f} px"
+    )
+    pixel = None if camera_pixel_px is None else f"a camera pixel sees {camera_pixel_px:.1f} px of the picture"
+    return ", and ".join(filter(None, (blur, pixel)))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cache
 
 import cv2
@@ -60,12 +61,13 @@ def refine_subpixel(correspondence: Correspondence, window_px: int = WINDOW_PX) 
     if not _is_whole(correspondence.projector_xy_px[valid]):
         return correspondence
     xy = np.where(valid[..., None], correspondence.projector_xy_px, 0).astype(np.float64)
+    coded = [axis for axis in (0, 1) if np.isfinite(xy[..., axis]).all()]
     refined = np.where(valid[..., None], correspondence.projector_xy_px, np.nan).astype(np.float32)
     known = correspondence.sigma_px
     sigma = np.full(refined.shape, ROUNDING_PX, dtype=np.float32) if known is None else known.copy()
     open_ = valid.copy()
     for size in (window_px, max(3, window_px // 2 | 1)):
-        fit, sigma_of_fit, good = _plane_fit(xy, valid, size)
+        fit, sigma_of_fit, good = _plane_fit(xy, valid, size, coded)
         take = open_ & good
         refined[take], sigma[take] = fit[take], sigma_of_fit[take]
         open_ &= ~take
@@ -79,10 +81,13 @@ def _is_whole(xy_px: Float32Array) -> bool:
     return not len(twice) or float(np.mean(twice == np.rint(twice))) > _MOST_WHOLE
 
 
-def _plane_fit(xy: np.ndarray, valid: BoolArray, size: int) -> tuple[Float32Array, Float32Array, BoolArray]:
+def _plane_fit(
+    xy: np.ndarray, valid: BoolArray, size: int, coded: Sequence[int]
+) -> tuple[Float32Array, Float32Array, BoolArray]:
     """(H, W, 2) value at the centre of the plane fitted in each window, its standard deviation, and whether it fits.
 
-    Sums over the window by box filters; the moments are central, from sums of absolute coordinates.
+    NaN for an axis that was not coded. Sums over the window by box filters; the moments are central, from sums of
+    absolute coordinates.
     """
     height, width = valid.shape
     x = np.broadcast_to(np.arange(width, dtype=np.float64), valid.shape)
@@ -102,9 +107,9 @@ def _plane_fit(xy: np.ndarray, valid: BoolArray, size: int) -> tuple[Float32Arra
     determinant = np.maximum(sxx * syy - sxy**2, 1e-9)
     off_centre = (syy * (x - mx) ** 2 - 2 * sxy * (x - mx) * (y - my) + sxx * (y - my) ** 2) / determinant
     off_centre = np.maximum(off_centre, 0)  # rounding makes it less where few pixels lie in one line
-    fit, sigma = (np.empty((*valid.shape, 2), dtype=np.float32) for _ in range(2))
+    fit, sigma = (np.full((*valid.shape, 2), np.nan, dtype=np.float32) for _ in range(2))
     good = (n >= _FILLED_SHARE * size**2) | ((n >= _SOME_SHARE * size**2) & (off_centre < _CENTRED))
-    for k in (0, 1):
+    for k in coded:
         c = xy[..., k]
         mc = total(v * c) / n
         sxc, syc = total(v * x * c) / n - mx * mc, total(v * y * c) / n - my * mc

@@ -10,21 +10,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.arrays import FloatArray
+from calibration.arrays import BoolArray, FloatArray
 from calibration.errors import CalibrationError
 from calibration.geometry.known.pair import HeldPair, hold_pair
 from calibration.geometry.pinhole import PinholeModel
-from calibration.geometry.plausibility import SeenPoints, points_of
-from calibration.geometry.triangulation import (
-    PixelPairs,
-    average_by_projector_pixel,
-    parallax_px,
-    stands_alone,
-)
+from calibration.geometry.triangulation import parallax_px, stands_alone
 from calibration.structured_light.correspondence import Correspondence, PixelReason
-from calibration.structured_light.neighbours import beside_jumps
 from calibration.structured_light.orientation import without_mirrored
-from calibration.structured_light.subpixel import refine_subpixel
 from rig.devices.replay.photographs import Manifest, Photograph, load_manifest, load_photographs, read_photograph
 from rig.errors import CalibrationFailed, ProfileError
 from rig.files.atomic import check_output
@@ -41,17 +33,18 @@ from rig.offline.photograph_warnings import (
     warnings_of,
 )
 from rig.offline.records import ScanResult
+from rig.offline.scan_points import (
+    FoundPoints,
+    pairs_by_projector_pixel,
+    points_by_camera_pixel,
+    points_by_projector_pixel,
+)
 from rig.terminal import OnStep, silent
 
 _BIT_LIMIT = 4.5 / 255
 """Share of full scale by which a pattern and its inverse have to differ: above the noise of a good JPEG."""
-_LEAST_TOLD = 0.5
 _LEAST_TELLING = 100
 """Projector pixels that were seen; fewer say nothing of a lens file."""
-_CODE_SIGMA_PX = 0.3
-"""Of a whole code, whose error is anything within half a pixel."""
-_LEAST_JUMP_PX = 3.0
-"""Of whole codes, which differ by two over three pixels of a smooth surface whose pixels are the projector's."""
 _NORMAL_MEDIAN = 1.4826
 """Standard deviation of a normal error over the median of its size."""
 _PER_METRE = {"m": 1.0, "mm": 1000.0}
@@ -182,9 +175,9 @@ def scan_photographs(
         held = _held(manifest, correspondence) if both else None
         devices = devices if held is None else held.devices
         found = (
-            _points_by_projector_pixel(manifest, correspondence, devices)
+            points_by_projector_pixel(manifest, correspondence, devices)
             if both
-            else _points_by_camera_pixel(correspondence, devices)
+            else points_by_camera_pixel(manifest, correspondence, devices)
         )
     except CalibrationError as error:
         causes = ", ".join((*exposure_causes(manifest, frames), with_files(manifest, str(error))))
@@ -192,7 +185,7 @@ def scan_photographs(
     epipolar_median_px = _agreement_px(manifest.path, found.epipolar_px, epipolar_limit_px)
     kept = _kept(found, epipolar_limit_px)
     _refuse_nothing(manifest.path, correspondence, kept, limit_dn)
-    sigma_share = _sigma_share(found.points_m[kept], devices, epipolar_median_px)
+    sigma_share = _sigma_share(found, kept, devices, epipolar_median_px)
     return Scan(
         points_m=found.points_m[kept],
         camera_xy_px=found.camera_xy_px[kept],
@@ -228,96 +221,14 @@ def _lenses(manifest: Manifest) -> tuple[PinholeModel, PinholeModel]:
     return camera, projector
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class _Found:
-    """Points before the wrong ones are left out."""
-
-    points_m: FloatArray
-    camera_xy_px: FloatArray
-    epipolar_px: FloatArray
-    """NaN where columns or rows alone were photographed."""
-    cell_xy: FloatArray | None
-    """(N, 2) whole projector pixels, or the stripes of which the code counts them; None where only one is known."""
-    cells: tuple[int, int]
-
-
 def _held(manifest: Manifest, correspondence: Correspondence) -> HeldPair | None:
     """Lenses and pose of a lens file, pulled by what the photographs show within what the boards left open."""
     if manifest.known is None:
         return None
-    pairs, projector_xy_px, _ = _by_projector_pixel(manifest, correspondence)
+    pairs, projector_xy_px, _ = pairs_by_projector_pixel(manifest, correspondence)
     if len(projector_xy_px) < _LEAST_TELLING:
         return None
     return hold_pair(manifest.known, pairs.camera_xy_px, projector_xy_px)
-
-
-def _by_projector_pixel(
-    manifest: Manifest, correspondence: Correspondence
-) -> tuple[PixelPairs, FloatArray, tuple[int, int]]:
-    """Pairs by cell of the finest stripes that were shown, (N, 2) projector pixels, and how many cells there are."""
-    size = 2**manifest.finest_bit
-    first, middle = np.array(manifest.first_code, dtype=np.float32), (size - 1) / 2
-    cells = (correspondence.projector_xy_px + first - middle) / size
-    height, width = (
-        -(-(length + int(offset)) // size) for length, offset in zip(manifest.projector_shape, first[::-1], strict=True)
-    )
-    pairs = average_by_projector_pixel(Correspondence(cells, correspondence.reason, (height, width)))
-    return pairs, pairs.projector_xy_px * size + middle - first, (height, width)
-
-
-def _points_by_projector_pixel(
-    manifest: Manifest, correspondence: Correspondence, devices: tuple[PinholeModel, PinholeModel]
-) -> _Found:
-    """One point for each projector pixel that is seen, or for each cell of the finest stripes that were shown."""
-    pairs, projector_xy_px, cells = _by_projector_pixel(manifest, correspondence)
-    found = points_of(pairs.camera_xy_px, projector_xy_px, devices)
-    return _Found(
-        points_m=found.points_m,
-        camera_xy_px=pairs.camera_xy_px,
-        epipolar_px=found.epipolar_px,
-        cell_xy=pairs.projector_xy_px,
-        cells=cells,
-    )
-
-
-def _points_by_camera_pixel(correspondence: Correspondence, devices: tuple[PinholeModel, PinholeModel]) -> _Found:
-    """One point for each camera pixel: columns or rows alone name no projector pixel.
-
-    Without epipolar lines nothing contradicts a code that is of neither side where a surface ends; none is taken there.
-    """
-    refined = refine_subpixel(correspondence)
-    whole = np.where(correspondence.valid[..., None], correspondence.projector_xy_px, np.float32(np.nan))
-    coded = int(np.argmax(np.isfinite(whole).any(axis=(0, 1))))
-    inside = refined.valid & ~beside_jumps(np.ascontiguousarray(whole[..., coded]), _LEAST_JUMP_PX)
-    row, column = np.nonzero(inside)
-    camera_xy_px = np.column_stack([column, row]).astype(np.float64)
-    found = points_of(camera_xy_px, refined.projector_xy_px[row, column], devices)
-    _refuse_untold(found)
-    return _Found(
-        points_m=found.points_m,
-        camera_xy_px=camera_xy_px,
-        epipolar_px=found.epipolar_px,
-        cell_xy=None,
-        cells=correspondence.projector_shape,
-    )
-
-
-def _refuse_untold(found: SeenPoints) -> None:
-    """Raise CalibrationError where columns or rows alone give few points, by what most of the others lack."""
-    told = float(np.isfinite(found.points_m[:, 0]).mean()) if len(found.points_m) else 1.0
-    if told >= _LEAST_TOLD:
-        return
-    along = float(found.along_stripes.mean())
-    cause = (
-        "the stripes of most run along the line from camera to projector; photograph the other ones, or both"
-        if along >= 1 - told - along
-        else "by lenses and pose, most others lie behind a device or beside the projector's picture; check them, "
-        "[projector.crop] and first_code"
-    )
-    raise CalibrationError(
-        f"columns or rows alone give only {100 * told:.0f} % of their pixels a point (limit {100 * _LEAST_TOLD:g} %): "
-        f"{cause}"
-    )
 
 
 def _agreement_px(path: Path, epipolar_px: FloatArray, limit_px: float) -> float | None:
@@ -334,14 +245,14 @@ def _agreement_px(path: Path, epipolar_px: FloatArray, limit_px: float) -> float
 
 
 def _sigma_share(
-    points_m: FloatArray, devices: tuple[PinholeModel, PinholeModel], epipolar_median_px: float | None
+    found: FoundPoints, kept: BoolArray, devices: tuple[PinholeModel, PinholeModel], epipolar_median_px: float | None
 ) -> float:
     """Median standard deviation of distances: pixels err along their epipolar lines as they do across them."""
-    sigma_px = _CODE_SIGMA_PX if epipolar_median_px is None else _NORMAL_MEDIAN * epipolar_median_px
-    return float(sigma_px / np.median(np.hypot(*parallax_px(points_m, *devices).T)))
+    sigma_px = _NORMAL_MEDIAN * (epipolar_median_px or 0.0) if found.code_sigma_px is None else found.code_sigma_px
+    return float(sigma_px / np.median(np.hypot(*parallax_px(found.points_m[kept], *devices).T)))
 
 
-def _kept(found: _Found, epipolar_limit_px: float) -> NDArray[np.bool_]:
+def _kept(found: FoundPoints, epipolar_limit_px: float) -> NDArray[np.bool_]:
     kept = np.isfinite(found.points_m).all(axis=1) & ~(found.epipolar_px > epipolar_limit_px)
     if found.cell_xy is not None:
         distance_m = np.linalg.norm(found.points_m[kept], axis=1)

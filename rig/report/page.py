@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 from markupsafe import Markup
 
+from calibration.light.check_size import why_checks_are_larger
 from rig.files.atomic import write_bytes
 from rig.files.channels import image_of
 from rig.profile.apply import guessed_keys
@@ -299,13 +300,12 @@ def _separation_text(session: Session, model: FittedScene) -> str:
 def _check_words(session: Session) -> str:
     """Why checks are larger than the profile asks for; empty where they are not."""
     record, asked_px = load_separation_record(session), session.profile.patterns.checker_size_px
-    if record.stripes_blur_px is None or record.checker_size_px == asked_px:
+    if record.checker_size_px == asked_px:
         return ""
-    pixel = "" if record.camera_pixel_px is None else f", and a camera pixel sees {record.camera_pixel_px:.1f} px of it"
+    why = why_checks_are_larger(record.stripes_blur_px, record.camera_pixel_px)
     return (
-        f" Checks of {record.checker_size_px} px were shown in place of {asked_px} px: by the code's stripes the "
-        f"picture is blurred by {record.stripes_blur_px:.1f} px{pixel}. Focusing both lenses, or a camera of more "
-        "pixels, brings the smaller ones back."
+        f" Checks of {record.checker_size_px} px were shown in place of {asked_px} px: {why}. Focusing both lenses, or "
+        "a camera of more pixels, brings the smaller ones back."
     )
 
 

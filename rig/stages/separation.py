@@ -10,7 +10,13 @@ import numpy as np
 
 from calibration.arrays import Codes
 from calibration.light.blur import LensBlur, PointSpread, fit_point_spread, footprint_map, variance_sigma_map
-from calibration.light.check_size import blur_of_picture_px, check_size_px, pixel_of_picture_px, stripes_that_tell
+from calibration.light.check_size import (
+    blur_of_picture_px,
+    check_size_px,
+    pixel_of_picture_px,
+    stripes_that_tell,
+    why_checks_are_larger,
+)
 from calibration.light.cross_check import CrossCheck, cross_check
 from calibration.light.separation import Separation, separate, separate_by_pattern, with_more_direct
 from calibration.light.two_level import Footprint, white_share
@@ -121,7 +127,7 @@ def separate_light(rig: Rig, session: Session, step: Step, on_step: OnStep) -> N
     shape, blur_px = rig.projector.shape, _blur_of_stripes(session)
     pixel_px = pixel_of_picture_px(load_correspondence(session))
     size_px = check_size_px(rig.profile.patterns.checker_size_px, blur_px or 0.0, shape, camera_pixel_px=pixel_px)
-    _say(size_px, rig.profile, on_step, blur_px=blur_px or 0.0, pixel_px=pixel_px)
+    _say(size_px, rig.profile, on_step, why_checks_are_larger(blur_px, pixel_px))
     bracket = measuring_bracket(session, repeats=1)
     of_white = white_bracket(session)
     checkers = list(checker_patterns(shape, size_px, rig.profile.patterns.checker_shifts))
@@ -230,10 +236,9 @@ def _blur_of_stripes(session: Session) -> float | None:
     return blur_of_picture_px(spread, correspondence, lit)
 
 
-def _say(size_px: int, profile: Profile, on_step: OnStep, *, blur_px: float, pixel_px: float) -> None:
+def _say(size_px: int, profile: Profile, on_step: OnStep, why: str) -> None:
     """Tell that checks are larger than was asked for."""
     if size_px != profile.patterns.checker_size_px:
-        why = f"the picture is blurred by {blur_px:.1f} px, a camera pixel sees {pixel_px:.1f} px of it"
         on_step(f"checks of {size_px} px: {why}", 1, 1)
 
 

@@ -122,6 +122,16 @@ def test_a_projector_pixel_that_the_end_of_a_surface_tears_has_no_place() -> Non
     assert {8, 11, 12} <= set(pairs.projector_xy_px[:, 0])
 
 
+def test_a_projector_pixel_of_which_a_part_is_hidden_has_no_place() -> None:
+    row, column = np.mgrid[:24, :60]
+    codes = np.stack([column // 6, row // 6], axis=-1).astype(np.float32)
+    codes[:, 26:37] = np.nan  # hidden: four of six camera pixels of column 4, one of column 6
+    pairs = average_by_projector_pixel(Correspondence(codes, np.isnan(codes[..., 0]).astype(np.uint8), (4, 10)))
+    assert set(pairs.projector_xy_px[:, 0]) == {0, 1, 2, 3, 6, 7, 8, 9}
+    inner = pairs.camera_xy_px - (6 * pairs.projector_xy_px + 2.5)
+    assert np.abs(inner).max() <= 1.0, "middle of the projector's pixel, but for what one hidden column moves it"
+
+
 def test_a_point_far_from_its_neighbours_stands_alone() -> None:
     column, row = np.meshgrid(np.arange(10.0), np.arange(6.0))
     xy = np.column_stack([column.ravel(), row.ravel()])

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from calibration.geometry.triangulation import parallax_px
 from rig.devices.replay.photographs import load_manifest
 from rig.errors import CalibrationFailed, ProfileError
 from rig.files.pictures import write_png
@@ -141,13 +142,35 @@ def test_columns_alone_are_refused_there(bench: SimpleNamespace, relief: Any) ->
     assert "run along the line from camera to projector" in outcome.message
 
 
-def test_without_the_finest_bit_there_are_fewer_points_in_the_right_places(bench: SimpleNamespace, relief: Any) -> None:
-    coarse = replace(relief, manifest=replace(relief.manifest, finest_bit=1))
-    frames = {name: frame for name, frame in relief.frames.items() if "-00" not in name}
-    outcome = bench.outcome_of(coarse, "finest", "", frames)
+def without_bits(below: int, frames: dict[str, Any]) -> dict[str, Any]:
+    return {name: frame for name, frame in frames.items() if int(name.split("-")[2]) >= below}
+
+
+@pytest.mark.parametrize(("finest_bit", "points"), [(1, 2000), (2, 500)])
+def test_without_the_finest_bits_there_are_fewer_points_in_the_right_places(
+    bench: SimpleNamespace, relief: Any, finest_bit: int, points: int
+) -> None:
+    coarse = replace(relief, manifest=replace(relief.manifest, finest_bit=finest_bit))
+    outcome = bench.outcome_of(coarse, "finest", "", without_bits(finest_bit, relief.frames))
     assert outcome.verdict == "passed"
-    assert outcome.off < 0.02
-    assert outcome.points > 2000
+    assert outcome.off < 0.01
+    assert outcome.points > points
+
+
+@pytest.mark.parametrize("finest_bit", [0, 1, 2])
+def test_rows_alone_are_refined_and_err_by_what_is_said(bench: SimpleNamespace, relief: Any, finest_bit: int) -> None:
+    coarse = replace(relief, manifest=replace(relief.manifest, finest_bit=finest_bit))
+    frames = only("row", without_bits(finest_bit, relief.frames))
+    scan = bench.scan_photographs(
+        coarse.manifest, frames, coarse.devices, limit_dn=bench.LIMIT_DN, epipolar_limit_px=bench.EPIPOLAR_LIMIT_PX
+    )
+    error, codes = coarse.depth_errors(scan), 0.3 * 2**finest_bit
+    sigma_share = scan.distance_sigma_share
+    assert 0.5 < 1.48 * np.median(np.abs(error)) / sigma_share < 2
+    assert np.mean(np.abs(error) > 0.01) < 0.01
+    assert len(scan.points_m) > 20_000
+    whole_share = codes / np.median(np.hypot(*parallax_px(scan.points_m, *coarse.devices).T))
+    assert sigma_share < 0.2 * whole_share
 
 
 def test_wrong_order_without_inverses_is_found_too(bench: SimpleNamespace, relief: Any) -> None:
