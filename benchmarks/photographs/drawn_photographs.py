@@ -98,7 +98,7 @@ def off_share(set_: DrawnSet, points_m: FloatArray, sigma: float) -> float:
             low, high = np.minimum(low, depth), np.maximum(high, depth)
     here, there = project(set_.devices[1], points_m), project(set_.devices[1], (1 + OFF) * points_m)
     # No code tells a place within a projector's pixel for sure.
-    allowed = np.maximum(OFF * np.maximum(1.0, 0.7 * cell_px / np.linalg.norm(there - here, axis=1)), 3 * sigma)
+    allowed = np.maximum(OFF * np.maximum(1.0, 0.7 / np.linalg.norm(there - here, axis=1)), 3 * sigma)
     return float(((points_m[:, 2] < low * (1 - allowed)) | (points_m[:, 2] > high * (1 + allowed))).mean())
 
 
