@@ -217,7 +217,10 @@ def _unresolved(manifest: Manifest, checked: PhotographOrder) -> tuple[str, ...]
     if not checked.unresolved:
         return ()
     files = ", ".join(manifest.frames[name].name for name in checked.unresolved)
-    return (f"the stripes in {files} are too blurred to be read: focus camera and projector, or go nearer",)
+    return (
+        f"the stripes in {files} are too blurred to be read: focus camera and projector, go nearer, or "
+        "leave them out (finest_bit)",
+    )
 
 
 def with_files(manifest: Manifest, message: str) -> str:

@@ -39,6 +39,11 @@ class Slots:
         finer = (axis[:, None] == axis) & (bit[:, None] > bit)
         return np.where(finer, np.where(bit[:, None] == bit + 1, 1.0, -1.0), 0.0)
 
+    @property
+    def finest(self) -> BoolArray:
+        """(U,) whether no picture of the same axis has finer stripes."""
+        return np.asarray((self.expected == 0).all(axis=1))
+
 
 @dataclass(frozen=True, slots=True)
 class PictureOrder:

@@ -9,7 +9,8 @@ import pytest
 from calibration.errors import CalibrationError
 from calibration.structured_light.consistency.check import check_gray_frames
 from calibration.structured_light.consistency.complements import refuse_stale_frames
-from calibration.structured_light.consistency.readings import Slots
+from calibration.structured_light.consistency.edges import LinePlaces, stripes_of
+from calibration.structured_light.consistency.readings import Slots, as_named, evidence_of
 from calibration.structured_light.consistency.still import exposure_gains, exposure_gains_alone, movements
 from calibration.structured_light.gray import CodeName, gray_code_patterns
 from calibration.structured_light.patterns import flat
@@ -220,3 +221,48 @@ def test_a_scene_without_light_has_no_stale_frames() -> None:
 def test_edges_of_a_coarse_stripe_lie_where_only_the_next_finer_picture_is_lit() -> None:
     slots = Slots(("column",) * 3 + ("row",), (2, 1, 0, 0))
     assert slots.expected.tolist() == [[0, 1, -1, 0], [0, 0, 1, 0], [0, 0, 0, 0], [0, 0, 0, 0]]
+    assert slots.finest.tolist() == [False, False, True, True]
+
+
+def places_of_edges(lit: np.ndarray) -> LinePlaces:
+    """Places at edges of a coarse picture, where a finer one is lit or dark."""
+    sides = [np.stack([np.full(len(lit), coarse), np.where(lit, 1.0, -1.0)]) for coarse in (-1.0, 0.01, 1.0)]
+    left, middle, right = (side.astype(np.float32) for side in sides)
+    middle[0] = 1  # of which side an edge itself is says nothing
+    return LinePlaces(left, middle, right)
+
+
+@pytest.mark.parametrize(
+    ("edges", "lit", "contradicts"),
+    [(120, 74, False), (120, 24, True), (6000, 3600, True), (6000, 5800, False)],
+    ids=[
+        "few, a third ends of surfaces",
+        "few, of a wrong picture",
+        "many, half of them wrong",
+        "many, nearly all right",
+    ],
+)
+def test_how_far_edges_may_disagree_depends_on_how_many_there_are(edges: int, lit: int, contradicts: bool) -> None:
+    """Ends of surfaces pass for edges, and lie anywhere."""
+    evidence = evidence_of(
+        stripes_of(places_of_edges(np.arange(edges) < lit), [(0, None), (1, None)]), Slots(("row",) * 2, (1, 0))
+    )
+    assert evidence.consistent(as_named(evidence.slots)) is not contradicts
+
+
+def test_finest_stripes_without_inverses_that_nothing_is_left_of_are_told_and_do_not_refuse_the_others(
+    frames: dict[str, np.ndarray],
+) -> None:
+    plain = {name: frame for name, frame in frames.items() if not name.endswith("-inverse")}
+    grey = np.mean([frames["gray-column-00"], frames["gray-column-00-inverse"]], axis=0)
+    noise = np.random.default_rng(5).normal(0, 1, grey.shape)
+    order = check_gray_frames({**plain, "gray-column-00": (grey + noise).astype(np.uint8)}, 10)
+    assert order.as_named
+    assert order.unresolved == ("gray-column-00",)
+
+
+def test_a_grey_photograph_of_coarser_stripes_is_refused(frames: dict[str, np.ndarray]) -> None:
+    plain = {name: frame for name, frame in frames.items() if not name.endswith("-inverse")}
+    grey = np.mean([frames["gray-column-02"], frames["gray-column-02-inverse"]], axis=0)
+    with pytest.raises(CalibrationError, match="gray-column-02"):
+        check_gray_frames({**plain, "gray-column-02": grey.astype(np.uint8)}, 10)
