@@ -11,6 +11,7 @@ from calibration.light.check_size import (
     check_size_px,
     pixel_of_picture_px,
     stripes_that_tell,
+    why_checks_are_larger,
 )
 from calibration.structured_light.correspondence import Correspondence
 from calibration.structured_light.gray import gray_code_patterns
@@ -102,3 +103,22 @@ def test_a_camera_pixel_is_as_large_as_its_neighbours_are_apart() -> None:
 
 def test_checks_are_never_smaller_than_asked_for() -> None:
     assert check_size_px(64, 0.5, (384, 512)) == check_size_px(64, 30.0, (384, 512)) == 64
+
+
+@pytest.mark.parametrize(
+    ("blur_px", "pixel_px", "why"),
+    [
+        (
+            1.24,
+            2.0,
+            "by the code's stripes the picture is blurred by 1.2 px, and a camera pixel sees 2.0 px of the picture",
+        ),
+        (None, 2.0, "a camera pixel sees 2.0 px of the picture"),
+        (1.24, None, "by the code's stripes the picture is blurred by 1.2 px"),
+    ],
+)
+def test_larger_checks_are_explained_by_what_was_measured_alone(
+    blur_px: float | None, pixel_px: float | None, why: str
+) -> None:
+    """A code without stripes of two levels tells no blur: none is said, in place of 0.0 px."""
+    assert why_checks_are_larger(blur_px, pixel_px) == why
