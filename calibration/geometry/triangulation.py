@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
 from typing import Literal
 
 import cv2
@@ -109,10 +107,12 @@ def average_by_projector_pixel(correspondence: Correspondence) -> PixelPairs:
     of = _Moments(index, height * width, count)
     mean = np.column_stack([of.mean(coordinate) for coordinate in (columns, rows)])
     spread = sum(of.mean(coordinate.astype(np.float64) ** 2) for coordinate in (columns, rows)) - (mean**2).sum(axis=1)
-    around = partial(_around, count=count.reshape(height, width))
-    whole_cells = ~(_torn(np.asarray(spread), around) | _cut(count[seen].astype(np.float64), around))
+    n_pixels, grid = count[seen], count.reshape(height, width)
+    torn = spread > _TORN * _around(np.asarray(spread), grid) + _TORN_PX2
+    cut = n_pixels + _CUT_PIXELS < _CUT * _around(n_pixels, grid)
+    whole_cells = ~(torn | cut)
     projector_xy = np.column_stack([seen % width, seen // width]).astype(np.float64)
-    return PixelPairs(mean[whole_cells], projector_xy[whole_cells], count[seen][whole_cells])
+    return PixelPairs(mean[whole_cells], projector_xy[whole_cells], n_pixels[whole_cells])
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -128,21 +128,11 @@ class _Moments:
         return np.asarray(np.bincount(self.index, of_pixel, self.cells)[seen] / self.count[seen])
 
 
-def _around(values: FloatArray, count: NDArray[np.int64]) -> FloatArray:
+def _around(values: FloatArray | NDArray[np.int64], count: NDArray[np.int64]) -> FloatArray:
     """(N,) median over the projector pixels around each one that is seen; beside others that are, the usual value."""
     filled = np.full(count.shape, np.median(values) if len(values) else 0.0, dtype=np.float32)
     filled[count > 0] = values
     return np.asarray(cv2.medianBlur(filled, 5)[count > 0], dtype=np.float64)
-
-
-def _torn(spread_px2: FloatArray, around: Callable[[FloatArray], FloatArray]) -> BoolArray:
-    """(N,) projector pixels whose camera pixels lie further apart than those of the projector pixels around."""
-    return np.asarray(spread_px2 > _TORN * around(spread_px2) + _TORN_PX2)
-
-
-def _cut(count: FloatArray, around: Callable[[FloatArray], FloatArray]) -> BoolArray:
-    """(N,) projector pixels of which clearly fewer camera pixels are seen than of those around."""
-    return np.asarray(count + _CUT_PIXELS < _CUT * around(count))
 
 
 def triangulate(
