@@ -265,8 +265,8 @@ def _unexplained(evidence: Evidence, start: PictureOrder, names: Sequence[str]) 
     worst = [names[k] for k in np.argsort(-count)[:2] if count[k]]
     return (
         f"no order of the photographs explains their stripes: {int(against.sum())} edges of coarse stripes lie where "
-        f"finer pictures change, most of them with {' and '.join(worst)}; check these two, that nothing moved, and "
-        "that all photographs show binary-reflected Gray code"
+        f"finer pictures change, most of them with {' and '.join(worst)}; check these two, that nothing moved, "
+        "that all were exposed alike, and that all photographs show binary-reflected Gray code"
     )
 
 
