@@ -7,10 +7,13 @@ brings along is described in the same way, so that one function finds, and one l
 from __future__ import annotations
 
 import difflib
+import os
+import sys
 import traceback
 from collections.abc import Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from functools import lru_cache
 from importlib.metadata import EntryPoint, entry_points
 from typing import TYPE_CHECKING, Literal, TypeVar
 
@@ -70,8 +73,23 @@ def own(kind: Kind, values: Mapping[str, str]) -> tuple[PlugIn, ...]:
 
 def others(kind: Kind) -> tuple[PlugIn, ...]:
     """Return what other installed packages offer, sorted by name; nothing of it is imported."""
+    return _others(kind, _state_of_path())
+
+
+@lru_cache(maxsize=4 * len(GROUPS))
+def _others(kind: Kind, _: tuple[tuple[str, int], ...]) -> tuple[PlugIn, ...]:
+    """Read the lists of all installed packages, some hundred files; again when a package came or went."""
     found = [_plug_in(kind, entry) for entry in entry_points(group=GROUPS[kind])]
     return tuple(sorted(found, key=lambda one: (one.name, one.package)))
+
+
+def _state_of_path() -> tuple[tuple[str, int], ...]:
+    """Return where packages are installed, and when one was added there or removed."""
+    state = []
+    for folder in sys.path:
+        with suppress(OSError):
+            state.append((folder, os.stat(folder or ".").st_mtime_ns))
+    return tuple(state)
 
 
 def _plug_in(kind: Kind, entry: EntryPoint) -> PlugIn:

@@ -36,11 +36,11 @@ class Served:
         return int(self.address.split(":")[2].split("/")[0])
 
     def get(self, path: str, **more: Any) -> httpx.Response:
-        return httpx.get(self.address.split("?")[0] + path.lstrip("/"), timeout=60, **more)
+        return httpx.get(self.address.split("?")[0] + path.lstrip("/"), timeout=60, verify=False, **more)
 
     def post(self, path: str, body: object = None, client: str = "me") -> httpx.Response:
         headers = {"x-rig-client": client}
-        return httpx.post(self.address + path.lstrip("/"), json=body or {}, headers=headers, timeout=60)
+        return httpx.post(self.address + path.lstrip("/"), json=body or {}, headers=headers, timeout=60, verify=False)
 
     def job(self) -> dict[str, Any]:
         return self.get("/api/job").json()  # type: ignore[no-any-return]
