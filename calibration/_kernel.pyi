@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from typing import Any
 
-from numpy import float32, uint8, uint16
+from numpy import float32, float64, uint8, uint16
 from numpy.typing import NDArray
 
 def instruction_set() -> str: ...
@@ -36,3 +36,8 @@ def read_beats(
     ambiguous: NDArray[uint8],
 ) -> None:
     """Read one axis of three sinusoids: calibration/kernel/beats.hpp. Frames are uint8, uint16 or float32."""
+
+def undistort(
+    real: NDArray[float64], terms: NDArray[float64], limit: float, rounds: int, ideal: NDArray[float64]
+) -> None:
+    """Invert Brown's distortion of points (N, 2), focal length 1: calibration/kernel/lens.hpp."""

@@ -72,7 +72,7 @@ class LandingError:
         result = np.zeros((len(z), len(rays), 2))
         by_local = self._by_projector(z, projector, points, result)
         by_point = by_local @ projector.rotation
-        by_plane = -(by_point @ points[:, :, None]) * points[:, None, :]
+        by_plane = -_applied(by_point, points)[:, :, None] * points[:, None, :]
         self._by_planes(z, by_plane, result)
         by_ray = (by_point + by_plane_to_ray(by_point, points, planes)) / along[:, :, None]
         self._by_camera(camera, rays, by_ray[:, :, :2], result)
@@ -86,17 +86,17 @@ class LandingError:
         depth = np.where(np.abs(local[:, 2:]) > 1e-9, local[:, 2:], 1e-9)
         plane = local[:, :2] / depth
         by_plane, by_terms = distortion_slopes(plane, projector.distortion)
-        focal = np.array(projector.focal_px)[:, None]
+        focal = np.array(projector.focal_px)
         real = distort(plane, projector.distortion)
         _fill_lens(result[PROJECTOR], real, focal * by_terms, self.nominal_of("projector"))
         by_local = np.empty((len(points), 2, 3))
-        by_local[:, :, :2] = focal * by_plane / depth[:, :, None]
-        by_local[:, :, 2] = -(by_local[:, :, :2] @ plane[:, :, None])[:, :, 0]
+        by_local[:, :, :2] = focal[:, None] * by_plane / depth[:, :, None]
+        by_local[:, :, 2] = -_applied(by_local[:, :, :2], plane)
         for k in range(3):
             moved = z[ROTATION].copy()
             moved[k] += _STEP
             turned = points @ ((rotation_of(moved) - projector.rotation) / _STEP).T
-            result[ROTATION][k] = (by_local @ turned[:, :, None])[:, :, 0]
+            result[ROTATION][k] = _applied(by_local, turned)
         t = projector.translation_m
         across = (np.eye(3) - np.outer(t, t)) / np.linalg.norm(z[TRANSLATION])
         result[TRANSLATION] = (by_local @ across).transpose(2, 0, 1)
@@ -114,12 +114,14 @@ class LandingError:
 
     def _by_camera(self, camera: PinholeModel, rays: FloatArray, by_ray: FloatArray, result: FloatArray) -> None:
         by_plane, by_terms = distortion_slopes(rays[:, :2], camera.distortion)
-        back = by_ray @ np.linalg.inv(by_plane)
+        inverse = _inverse(by_plane)
+        back = [_applied(by_ray, inverse[:, :, k]) for k in range(2)]
         focal = np.array(camera.focal_px)
         real = (self.x1 - camera.principal_point_px) / focal
         slopes = np.empty((CAMERA.stop, len(rays), 2))
-        _fill_lens(slopes, real, focal[:, None] * by_terms, self.nominal_of("camera"))
-        result[CAMERA] = -(back[None] @ (slopes / focal)[..., None])[..., 0]
+        _fill_lens(slopes, real, focal * by_terms, self.nominal_of("camera"))
+        slopes /= -focal
+        result[CAMERA] = back[0] * slopes[:, :, :1] + back[1] * slopes[:, :, 1:]
 
     def nominal_of(self, device: str) -> tuple[FloatArray, tuple[int, int]]:
         """Nominal focal lengths (2,) and (height, width) of a device."""
@@ -131,7 +133,21 @@ class LandingError:
 
 def by_plane_to_ray(by_point: FloatArray, points: FloatArray, planes: FloatArray) -> FloatArray:
     """(N, 2, 3) change of a landing because a turned ray meets its plane nearer or further away."""
-    return -(by_point @ points[:, :, None]) * planes[:, None, :]
+    return -_applied(by_point, points)[:, :, None] * planes[:, None, :]
+
+
+def _applied(matrices: FloatArray, vectors: FloatArray) -> FloatArray:
+    """(N, 2) of (N, 2, k) and (N, k); of so many small ones numpy's matmul and einsum take several times as long."""
+    result = matrices[:, :, 0] * vectors[:, :1]
+    for k in range(1, vectors.shape[1]):
+        result += matrices[:, :, k] * vectors[:, k, None]
+    return np.asarray(result)
+
+
+def _inverse(matrices: FloatArray) -> FloatArray:
+    """(N, 2, 2) of as many."""
+    (a, b), (c, d) = matrices.transpose(1, 2, 0)
+    return np.asarray((np.array([[d, -b], [-c, a]]) / (a * d - b * c)).transpose(2, 0, 1))
 
 
 def _fill_lens(
@@ -141,7 +157,7 @@ def _fill_lens(
     focal_px, (height_px, width_px) = nominal
     result[0] = focal_px * real
     result[1], result[2] = (width_px, 0), (0, height_px)
-    result[3:] = by_terms.transpose(2, 0, 1)
+    result[3:] = by_terms
 
 
 def rays_of(camera: PinholeModel, x1: FloatArray) -> FloatArray:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import cv2
@@ -9,11 +10,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
+from calibration import _kernel
 from calibration.arrays import Float32Array, FloatArray
 from calibration.lenses.lens import distorted, ideal_coordinates
 
-_WIDEST_DEG = 80
-"""From the axis: beyond, the polynomial of a usual lens folds back."""
+_WIDEST = math.tan(math.radians(80))
+"""From the axis, focal length 1: beyond, the polynomial of a usual lens folds back."""
 _BROWN = 5
 """Terms of Brown's distortion; the rational model has eight."""
 _UNDISTORTIONS = 8
@@ -62,7 +64,7 @@ def distort(plane: FloatArray, distortion: ArrayLike) -> FloatArray:
 
 
 def distortion_slopes(plane: FloatArray, distortion: ArrayLike) -> tuple[FloatArray, FloatArray]:
-    """(N, 2, 2) derivative of :func:`distort` by the coordinates, and (N, 2, 5) by the terms."""
+    """(N, 2, 2) derivative of :func:`distort` by the coordinates, and (5, N, 2) by the terms."""
     k1, k2, p1, p2, k3 = np.asarray(distortion, dtype=np.float64)
     x, y = plane[:, 0], plane[:, 1]
     r2 = x * x + y * y
@@ -73,8 +75,14 @@ def distortion_slopes(plane: FloatArray, distortion: ArrayLike) -> tuple[FloatAr
     by_place[:, 0, 0] = radial + x * x * rise + 2 * p1 * y + 6 * p2 * x
     by_place[:, 1, 1] = radial + y * y * rise + 6 * p1 * y + 2 * p2 * x
     by_place[:, 0, 1] = by_place[:, 1, 0] = across
-    terms = [(x * r2, y * r2), (x * r2**2, y * r2**2), (2 * x * y, r2 + 2 * y * y), (r2 + 2 * x * x, 2 * x * y)]
-    return by_place, np.stack([np.column_stack(t) for t in (*terms, (x * r2**3, y * r2**3))], axis=2)
+    by_terms = np.empty((_BROWN, len(plane), 2))
+    by_terms[0] = plane * r2[:, None]
+    by_terms[1] = by_terms[0] * r2[:, None]
+    by_terms[4] = by_terms[1] * r2[:, None]
+    by_terms[2, :, 0] = by_terms[3, :, 1] = 2 * x * y
+    by_terms[2, :, 1] = r2 + 2 * y * y
+    by_terms[3, :, 0] = r2 + 2 * x * x
+    return by_place, by_terms
 
 
 def undistort(plane: FloatArray, distortion: ArrayLike, iterations: int = _UNDISTORTIONS) -> FloatArray:
@@ -82,13 +90,12 @@ def undistort(plane: FloatArray, distortion: ArrayLike, iterations: int = _UNDIS
 
     Coordinates are kept within 80 degrees of the axis.
     """
-    limit = np.tan(np.radians(_WIDEST_DEG))
     terms = np.asarray(distortion, dtype=np.float64)
     if len(terms) > _BROWN:  # of wide lenses: a fixed point would not be reached
-        return np.asarray(np.clip(ideal_coordinates(_lens(terms), plane)[0], -limit, limit))
-    ideal = np.clip(plane, -limit, limit)
-    for _ in range(iterations):
-        ideal = np.clip(ideal + plane - distort(ideal, distortion), -limit, limit)
+        return np.asarray(np.clip(ideal_coordinates(_lens(terms), plane)[0], -_WIDEST, _WIDEST))
+    real = np.ascontiguousarray(plane, dtype=np.float64)
+    ideal = np.empty_like(real)
+    _kernel.undistort(real, terms, _WIDEST, iterations, ideal)
     return ideal
 
 

@@ -10,6 +10,7 @@
 #include "arrays.hpp"
 #include "beats.hpp"
 #include "bind_instruction_set.hpp"
+#include "lens.hpp"
 #include "words.hpp"
 
 namespace {
@@ -84,6 +85,18 @@ void bind_read_beats(nb::module_ &m) {
           nb::arg("misfit").noconvert(), nb::arg("ambiguous").noconvert());
 }
 
+// terms: Brown's five, in OpenCV's order.
+void undistort_points(const In<double, 2> &real, const In<double, 1> &terms, double limit, int rounds,
+                      const Out<double, 2> &ideal) {
+    if (real.shape(1) != 2 || ideal.size() != real.size() || ideal.shape(1) != 2 || terms.size() != 5)
+        throw std::invalid_argument("(N, 2) points, as many results, and five terms");
+    const double *k = terms.data();
+    const Undistortion work{real.data(), ideal.data(), {k[0], k[1], k[2], k[3], k[4]}, limit, rounds,
+                            static_cast<std::int64_t>(real.shape(0))};
+    nb::gil_scoped_release free;
+    KERNEL_CALL(undistort(work));
+}
+
 }  // namespace
 
 NB_MODULE(_kernel, m) {
@@ -94,4 +107,6 @@ NB_MODULE(_kernel, m) {
     bind_read_beats<std::uint8_t>(m);
     bind_read_beats<std::uint16_t>(m);
     bind_read_beats<float>(m);
+    m.def("undistort", &undistort_points, nb::arg("real").noconvert(), nb::arg("terms").noconvert(), nb::arg("limit"),
+          nb::arg("rounds"), nb::arg("ideal").noconvert());
 }

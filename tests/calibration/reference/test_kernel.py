@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 from calibration import CODES, _kernel
+from calibration.geometry.pinhole import distort, undistort
+from calibration.reference import lens
 from calibration.reference.beats import read_beats
 from calibration.reference.words import read_words
 from calibration.structured_light.bits import BitPairs
@@ -93,3 +95,21 @@ def test_a_pixel_without_light_has_no_coordinate_by_beats() -> None:
     frames = dict.fromkeys(code.pattern_names((96, 128)), flat)
     found = code.decode(frames, (96, 128), white=flat + np.uint8(100), black=flat, noise_limit=4.0)
     assert not found.valid.any()
+
+
+@pytest.mark.parametrize("count", [0, 1, 7, 8, 1003])
+def test_distortion_is_inverted_as_defined(count: int) -> None:
+    """To the bit, also of points that are nowhere, and of such as no lens shows."""
+    random = np.random.default_rng(count)
+    terms = (-0.12, 0.03, 1e-3, -2e-3, 0.01)
+    plane = random.normal(scale=0.4, size=(count, 2))
+    plane[::50], plane[3::50] = np.nan, 1e3
+    expected = lens.undistort(plane, terms, limit=np.tan(np.radians(80)), rounds=8)
+    assert np.array_equal(undistort(plane, terms), expected, equal_nan=True)
+
+
+def test_distortion_inverted_and_distorted_is_where_it_was() -> None:
+    plane = np.random.default_rng(1).uniform(-0.6, 0.6, size=(500, 2))
+    terms = (0.1, -0.02, 1e-3, -1e-3, 0.0)
+    assert np.allclose(distort(undistort(plane, terms, 40), terms), plane, atol=1e-12)
+    assert np.allclose(distort(undistort(plane.T.copy().T, terms), terms), plane, atol=1e-4)
