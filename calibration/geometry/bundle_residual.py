@@ -16,6 +16,7 @@ from calibration.geometry.bundle_unknowns import (
     TURN,
     aspects_of,
     devices_of,
+    own_slopes_of,
     planes_of,
 )
 from calibration.geometry.epipolar import NominalIntrinsics
@@ -104,13 +105,18 @@ class LandingError:
 
     def _by_planes(self, z: FloatArray, by_plane: FloatArray, result: FloatArray) -> None:
         planes = planes_of(z, self.axes)
-        for k in range(TURN.start, len(z)):
+        for k in range(TURN.start, TURN.stop):
             moved = z.copy()
             moved[k] += _STEP
             slope = (planes_of(moved, self.axes) - planes) / _STEP
-            for plane in np.flatnonzero(slope.any(axis=1)):
-                on = np.flatnonzero(self.label == plane)
-                result[k][on] = by_plane[on] @ slope[plane]
+            result[k] = _applied(by_plane, slope[self.label])
+        for on, (at, slopes) in zip(self._rows, own_slopes_of(z, self.axes), strict=True):
+            result[at, on] = (by_plane[on] @ slopes.T).transpose(2, 0, 1)
+
+    @cached_property
+    def _rows(self) -> list[IntArray]:
+        """Of each plane, the points on it."""
+        return [np.flatnonzero(self.label == k) for k in range(len(self.axes.of_plane))]
 
     def _by_camera(self, camera: PinholeModel, rays: FloatArray, by_ray: FloatArray, result: FloatArray) -> None:
         by_plane, by_terms = distortion_slopes(rays[:, :2], camera.distortion)

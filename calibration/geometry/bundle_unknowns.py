@@ -123,6 +123,13 @@ def planes_of(z: FloatArray, axes: Axes) -> FloatArray:
     return planes
 
 
+def own_slopes_of(z: FloatArray, axes: Axes) -> list[tuple[slice, FloatArray]]:
+    """Of each plane its unknowns among all, and the (m, 3) derivative of the plane by these m."""
+    directions = _directions(z, axes)
+    own = [np.eye(3) if free else directions[[k]] for k, free in zip(axes.of_plane, axes.turns_freely, strict=True)]
+    return list(zip(_places(axes), own, strict=True))
+
+
 def _places(axes: Axes) -> list[slice]:
     """Of each plane's unknowns among all."""
     ends = PLANES + np.cumsum(np.where(axes.turns_freely, 3, 1))
