@@ -16,6 +16,8 @@ def main() -> None:
     _open_standard_streams()
     # Kernel threads that spin while they wait take the cores from numpy's and OpenCV's, and from the cameras'.
     os.environ.setdefault("OMP_WAIT_POLICY", "passive")
+    # Numpy's threads, too, which spin for 25 ms after each product else (2^26 cycles; this is 2^4).
+    os.environ.setdefault("OPENBLAS_THREAD_TIMEOUT", "4")
     status = _with_usual_stack() or _status(sys.argv[1:])
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # it has ended: nothing is left to interrupt
     sys.exit(status)
