@@ -95,7 +95,7 @@ def undistort(plane: FloatArray, distortion: ArrayLike, iterations: int = _UNDIS
         return np.asarray(np.clip(ideal_coordinates(_lens(terms), plane)[0], -_WIDEST, _WIDEST))
     real = np.ascontiguousarray(plane, dtype=np.float64)
     ideal = np.empty_like(real)
-    _kernel.undistort(real, terms, _WIDEST, iterations, ideal)
+    _kernel.undistort(real, terms, limit=_WIDEST, rounds=iterations, ideal=ideal)
     return ideal
 
 
