@@ -73,9 +73,10 @@ class LandingError:
         result = np.zeros((len(z), len(rays), 2))
         by_local = self._by_projector(z, projector, points, result)
         by_point = by_local @ projector.rotation
-        by_plane = -_applied(by_point, points)[:, :, None] * points[:, None, :]
-        self._by_planes(z, by_plane, result)
-        by_ray = (by_point + by_plane_to_ray(by_point, points, planes)) / along[:, :, None]
+        # A plane or a ray that turns meets the other nearer or further away: the landing moves along the ray's image.
+        outwards = _applied(by_point, points)[:, :, None]
+        self._by_planes(z, -outwards * points[:, None, :], result)
+        by_ray = (by_point - outwards * planes[:, None, :]) / along[:, :, None]
         self._by_camera(camera, rays, by_ray[:, :, :2], result)
         return result * self.weight
 
@@ -135,11 +136,6 @@ class LandingError:
         if device == "camera":
             return self.nominal.camera_focal_px * np.array([1.0, first]), self.nominal.camera_shape
         return self.nominal.projector_focal_px * np.array([1.0, second]), self.nominal.projector_shape
-
-
-def by_plane_to_ray(by_point: FloatArray, points: FloatArray, planes: FloatArray) -> FloatArray:
-    """(N, 2, 3) change of a landing because a turned ray meets its plane nearer or further away."""
-    return -_applied(by_point, points)[:, :, None] * planes[:, None, :]
 
 
 def _applied(matrices: FloatArray, vectors: FloatArray) -> FloatArray:
