@@ -7,6 +7,7 @@ frame period before its time stamp, for cameras stamp begin, end or readout of a
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from contextlib import ExitStack, suppress
 
@@ -287,6 +288,9 @@ class GenicamCamera:
 
     def _running(self, opened: OpenGenicam, after_s: float, until_s: float, seen: GenicamSearch) -> RawFrame | None:
         while (filled := opened.stream.next(until_s)) is not None:
+            if not filled.has_leader:
+                self._looked_at(opened, filled, -math.inf, seen)
+                continue
             opened.clock_map.add(filled.device_s, filled.arrived_s)
             started_s = opened.clock_map.host_s(filled.device_s) - opened.exposure_s - self._period_s
             if started_s >= after_s and opened.clock_map.is_settled:

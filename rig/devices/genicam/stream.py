@@ -37,6 +37,9 @@ class FilledBuffer:
 
     pointer: int
     is_complete: bool
+    has_leader: bool
+    """Whether its first packet came. Without it, the block id and both times are of a frame that the buffer held
+    before, or zero."""
     number: int
     """Counted up over all that the camera sent since the program began."""
     lost: int
@@ -106,6 +109,7 @@ class GenicamStream:
             )
         self._number = 0
         self._last_id: int | None = None
+        self._last_arrived_ns = 0
 
     def next(self, until_s: float) -> FilledBuffer | None:
         """Wait for a frame; None when none has come by ``until_s``."""
@@ -127,22 +131,32 @@ class GenicamStream:
         self._last_id = None
 
     def _filled(self, pointer: int) -> FilledBuffer:
-        block = int(aravis().call("arv_buffer_get_frame_id", pointer))
+        arrived_ns = int(aravis().call("arv_buffer_get_system_timestamp", pointer))
+        is_complete = aravis().call("arv_buffer_get_status", pointer) == _COMPLETE
+        has_leader = is_complete or arrived_ns > self._last_arrived_ns
+        lost = 0
+        if has_leader:
+            self._last_arrived_ns = max(arrived_ns, self._last_arrived_ns)
+            lost = self._lost_before(int(aravis().call("arv_buffer_get_frame_id", pointer)))
+        return FilledBuffer(
+            pointer=pointer,
+            is_complete=is_complete,
+            has_leader=has_leader,
+            number=self._number,
+            lost=lost,
+            device_s=aravis().call("arv_buffer_get_timestamp", pointer) * 1e-9,
+            arrived_s=arrived_ns * 1e-9 - time.time() + self._clock.now_s(),
+        )
+
+    def _lost_before(self, block: int) -> int:
+        """Count on to a block, and tell how many never arrived before it."""
         step = 1 if self._last_id is None else block - self._last_id
         if step < 0 and self._last_id is not None and self._last_id <= _IDS:
             step += _IDS
         self._last_id = block
         step = max(step, 1)
         self._number += step
-        arrived = aravis().call("arv_buffer_get_system_timestamp", pointer) * 1e-9
-        return FilledBuffer(
-            pointer=pointer,
-            is_complete=aravis().call("arv_buffer_get_status", pointer) == _COMPLETE,
-            number=self._number,
-            lost=step - 1,
-            device_s=aravis().call("arv_buffer_get_timestamp", pointer) * 1e-9,
-            arrived_s=arrived - time.time() + self._clock.now_s(),
-        )
+        return step - 1
 
     @contextmanager
     def bytes_of(self, filled: FilledBuffer) -> Iterator[Bytes]:

@@ -61,7 +61,7 @@ def answer(
     times_s
         When the command was sent, and when waiting ends.
     seen
-        Counts frames that were exposed too early.
+        Counts frames that were exposed too early, or came without their first packet.
 
     Returns
     -------
@@ -73,6 +73,10 @@ def answer(
     began_s, limit_s = times_s
     doubted: float | None = None
     while (filled := opened.stream.next(limit_s)) is not None:
+        if not filled.has_leader:  # nothing tells of which trigger it is
+            seen.frames, seen.incomplete = seen.frames + 1, seen.incomplete + 1
+            opened.stream.give_back(filled)
+            continue
         early_s = opened.answers.early_s(filled.device_s, began_s, opened.exposure_s)
         came_too_soon = filled.arrived_s < began_s + _EARLY_SHARE * opened.exposure_s
         is_by_little = early_s < _GIVEN_UP * ANSWER_S

@@ -105,13 +105,15 @@ class Frames:
     def _look_at(self, filled: Filled, after_s: float, exposure_s: float, seen: FrameSearch) -> RawFrame | None:
         """The frame in a buffer; None when it is bad, began too early, or nobody knows when.
 
-        The first one after frames that nobody saw may be a copy of one of them: it only serves to judge the next.
+        The time stamp of a bad one is not looked at: a buffer that no frame came into, as when the cable is pulled,
+        has none. The first one after frames that nobody saw may be a copy of one of them: it only serves to judge
+        the next.
         """
         seen.frames += 1
-        self._check_time_stamp(filled)
-        is_late = self._cadence.is_late(filled.number, filled.stamp_s, exposure_s)
         if self._is_bad(filled, seen):
             return None
+        self._check_time_stamp(filled)
+        is_late = self._cadence.is_late(filled.number, filled.stamp_s, exposure_s)
         seen.late += is_late
         started_s = self._started_s(filled, exposure_s)
         is_wanted = started_s >= after_s and not filled.unseen and not is_late

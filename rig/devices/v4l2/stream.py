@@ -122,9 +122,8 @@ class Stream:
 
     def _filled(self, buffer: abi.Buffer) -> Filled:
         stamp_s = buffer.timestamp.seconds + buffer.timestamp.microseconds * 1e-6
-        lost, unseen = self._count(buffer.sequence)
-        self._last = buffer.sequence, stamp_s
         has_error = bool(buffer.flags & abi.BUFFER_ERROR)
+        lost, unseen = (0, 0) if has_error and self._is_old(stamp_s) else self._counted(buffer.sequence, stamp_s)
         return Filled(
             index=buffer.index,
             bytes_used=buffer.bytesused,
@@ -135,6 +134,19 @@ class Stream:
             lost=lost,
             unseen=unseen,
         )
+
+    def _is_old(self, stamp_s: float) -> bool:
+        """Whether a stamp tells of no new frame.
+
+        A camera that is unplugged gives its buffers back with the error flag as they are: stamp and sequence are
+        zero, or those of the frame that they held before.
+        """
+        return stamp_s <= (0.0 if self._last is None else self._last[1])
+
+    def _counted(self, sequence: int, stamp_s: float) -> tuple[int, int]:
+        lost, unseen = self._count(sequence)
+        self._last = sequence, stamp_s
+        return lost, unseen
 
     def _count(self, sequence: int) -> tuple[int, int]:
         """Count on, and tell how many frames were lost, and how many skipped for want of a buffer.

@@ -146,6 +146,21 @@ def test_lost_packets_cost_frames_but_no_frame_is_wrong(gige: GigeRig) -> None:
     camera.close()
 
 
+def test_a_frame_whose_first_packet_was_lost_spoils_neither_clock_nor_count(gige: GigeRig) -> None:
+    """That packet carries time stamps and number; what the buffer held before stands in their place, or nothing."""
+    camera, clock = camera_of(gige.profile, options={"trigger": "free"}), SystemClock()
+    camera.open()
+    camera.set_exposure(0.005)
+    gige.camera.lose_packets(0.5)
+    with pytest.raises(CaptureTimeout, match="with packets missing"):
+        camera.capture(after_s=clock.now_s(), timeout_s=1.5)
+    gige.camera.lose_packets(0.0)
+    frames = [camera.capture(after_s=clock.now_s(), timeout_s=2.0) for _ in range(2)]
+    assert frames[1].lost + frames[0].lost < 100
+    assert frames[1].sequence < 200
+    camera.close()
+
+
 def test_a_camera_whose_heartbeats_were_lost_is_lost(gige: GigeRig) -> None:
     camera = camera_of(gige.profile)
     camera.open()

@@ -13,7 +13,8 @@ from rig.devices.clock import VirtualClock
 from rig.devices.genicam.camera import GenicamCamera
 from rig.devices.genicam.opened import OpenGenicam
 from rig.devices.genicam.settings import GenicamOptions
-from rig.devices.genicam.stream import FilledBuffer
+from rig.devices.genicam.stream import FilledBuffer, GenicamSearch
+from rig.devices.genicam.triggers import answer
 from rig.errors import CaptureTimeout
 
 EXPOSURE_S, READOUT_S, SENT_AGAIN_S = 0.02, 0.01, 0.5
@@ -27,6 +28,8 @@ class Sensor:
     picture: int = 0
     under_way: list[tuple[float, float, int]] = field(default_factory=list)
     """(arrival, time stamp, picture), in the order of their arrival."""
+    without_leader: bool = False
+    """The next frame's first packet is lost."""
 
     def expose(self, began_s: float, late_s: float = 0.0) -> None:
         arrival_s = began_s + EXPOSURE_S + READOUT_S + late_s
@@ -39,8 +42,17 @@ class Sensor:
 
     def _taken(self) -> FilledBuffer:
         arrived_s, device_s, picture = self.under_way.pop(0)
+        whole, self.without_leader = not self.without_leader, False
+        if not whole:
+            device_s, arrived_s = 0.0, -1e9
         return FilledBuffer(
-            pointer=picture, is_complete=True, number=picture, lost=0, device_s=device_s, arrived_s=arrived_s
+            pointer=picture,
+            is_complete=whole,
+            has_leader=whole,
+            number=picture,
+            lost=0,
+            device_s=device_s,
+            arrived_s=arrived_s,
         )
 
     def drop_waiting(self) -> int:
@@ -174,3 +186,14 @@ def test_frames_that_keep_coming_without_a_trigger_are_no_answer(bench: Bench) -
         bench.sensor.expose(bench.sensor.clock.now_s() - 0.1 + k)
     with pytest.raises(CaptureTimeout, match="exposed too early"):
         bench.shoot(2)
+
+
+@pytest.mark.parametrize("before", [0, 5])
+def test_a_frame_whose_first_packet_is_lost_is_passed_over_and_named(bench: Bench, before: int) -> None:
+    """Nothing tells of which trigger it is."""
+    assert [bench.shoot(picture) for picture in range(before)] == list(range(before))
+    clock, seen = bench.sensor.clock, GenicamSearch()
+    bench.sensor.expose(clock.now_s())
+    bench.sensor.without_leader = True
+    assert answer(bench.camera._opened, clock, (clock.now_s(), clock.now_s() + 1.0), seen) == (None, None)
+    assert str(seen) == "1 frames came, 1 with packets missing, 0 exposed too early"

@@ -323,6 +323,7 @@ class TestFrames:
         [
             (Step(sequence=0, stamp_s=100.0, flags=abi.TIMESTAMP_START_OF_EXPOSURE), "not of the monotonic clock"),
             (Step(sequence=0, stamp_s=50.0), r"-50\.\d+ s from now, so it is of another clock"),
+            (Step(sequence=0, stamp_s=0.0), r"-100\.\d+ s from now, so it is of another clock"),
         ],
     )
     def test_times_of_another_clock_are_refused(
@@ -332,6 +333,29 @@ class TestFrames:
         node.steps = [step]
         with pytest.raises(DeviceError, match=message):
             next_frame(frames)
+
+    @pytest.mark.parametrize("came_before", [0, 3])
+    def test_buffers_that_an_unplugged_camera_gives_back_unfilled_are_no_word_about_its_clock(
+        self, node: ScriptNode, stream: Stream, came_before: int
+    ) -> None:
+        frames = frames_of(stream, node)
+        unfilled = Step(flags=abi.TIMESTAMP_MONOTONIC | abi.BUFFER_ERROR, used=0)
+        node.steps = [*regular(*range(came_before)), unfilled, unfilled, Step(error=errno.ENODEV)]
+        assert [next_frame(frames).sequence for _ in range(came_before)] == list(range(1, came_before + 1))
+        with pytest.raises(DeviceLost, match="the camera is gone"):
+            next_frame(frames)
+
+    @pytest.mark.parametrize("stamp_s", [0.0, 100 + PERIOD_S])
+    def test_an_unfilled_buffer_neither_counts_nor_makes_the_next_frame_late(
+        self, node: ScriptNode, stream: Stream, stamp_s: float
+    ) -> None:
+        frames, seen = frames_of(stream, node), FrameSearch()
+        unfilled = Step(sequence=0, stamp_s=stamp_s, flags=START_OF_EXPOSURE | abi.BUFFER_ERROR)
+        node.steps = [*regular(100, 101, 102), unfilled, *regular(103, 104)]
+        got = [next_frame(frames, seen=seen) for _ in range(5)]
+        assert [frame.sequence for frame in got] == [1, 2, 3, 4, 5]
+        assert [frame.lost for frame in got] == [0, 0, 0, 1, 0], "the rejected buffer alone"
+        assert (seen.with_error, seen.late) == (1, 0)
 
     def test_exposures_that_abut_do_not_overlap_by_jitter(self, node: ScriptNode, stream: Stream) -> None:
         frames = frames_of(stream, node, exposes_always=True)
