@@ -263,9 +263,11 @@ def _unexplained(evidence: Evidence, start: PictureOrder, names: Sequence[str]) 
     against = evidence.contradictions(start)
     count = against.sum(axis=0) + against.sum(axis=1)
     worst = [names[k] for k in np.argsort(-count)[:2] if count[k]]
+    pairs = int(against.sum())
     return (
-        f"no order of the photographs explains their stripes: {int(against.sum())} edges of coarse stripes lie where "
-        f"finer pictures change, most of them with {' and '.join(worst)}; check these two, that nothing moved, "
+        "no order of the photographs explains their stripes: at the edges of coarse stripes finer ones are not as this "
+        f"code has them, in {pairs} {'pair' if pairs == 1 else 'pairs'} of pictures, most of them with "
+        f"{' and '.join(worst)}; check these two, that nothing moved, "
         "that all were exposed alike, and that all photographs show binary-reflected Gray code"
     )
 

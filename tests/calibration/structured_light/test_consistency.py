@@ -265,6 +265,22 @@ def test_how_far_edges_may_disagree_depends_on_how_many_there_are(edges: int, li
     assert evidence.consistent(as_named(evidence.slots)) is not contradicts
 
 
+def test_one_long_end_of_a_surface_upon_an_edge_does_not_outvote_it() -> None:
+    """There other pictures change with it, and all of its lines show the same, however many they are."""
+    at_edge, along_end = 14, 35
+    slots = Slots(("row",) * 4, (3, 2, 1, 0))
+    step = np.repeat([[-1.0, 1.0]], [at_edge, along_end], axis=1)[0]
+    left = np.array([-np.ones_like(step), np.ones_like(step), -np.ones_like(step), -np.ones_like(step)])
+    right = np.array([np.ones_like(step), np.ones_like(step), step, step])
+    middle = np.array([np.zeros_like(step), np.ones_like(step), step, step])
+    middle[0] = 1
+    places = LinePlaces(*(side.astype(np.float32) for side in (left, middle, right)))
+    stripes = stripes_of(places, [(k, None) for k in range(len(slots.bit))])
+    assert stripes.at_edges[0, 1:].tolist() == pytest.approx([1, -0.57, -0.57], abs=0.01)
+    evidence = evidence_of(stripes, slots)
+    assert evidence.consistent(as_named(evidence.slots))
+
+
 def test_finest_stripes_without_inverses_that_nothing_is_left_of_are_told_and_do_not_refuse_the_others(
     frames: dict[str, np.ndarray],
 ) -> None:
