@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from rig.devices.simulated.optics import SimulatedOptics, directions, make_optics
 from rig.devices.simulated.settings import SimulatedLensSettings
+from rig.stages.geometry import TAPE_SIGMA
 
 FloatArray = NDArray[np.float64]
 
@@ -153,7 +154,7 @@ def _profile(
         [round(width_px * 0.8), round(height_px * 0.5)],
     ]
     ends = _meets(room, optics, np.array(spots, dtype=np.float64))
-    tape_m = float(np.linalg.norm(ends[1] - ends[0]) * (1 + 0.003 * random.normal()))
+    tape_m = float(np.linalg.norm(ends[1] - ends[0]) * (1 + TAPE_SIGMA * random.normal()))
     hfov = {
         lens["name"]: float(2 * np.degrees(np.arctan(shape[1] / 2 / lens["focal_px"])) * random.uniform(0.97, 1.03))
         for lens, shape in ((camera, shapes.camera), (projector, shapes.projector))
@@ -249,8 +250,19 @@ def _table(name: str, values: Mapping[str, Any]) -> str:
 
 
 def tiny(seed: int) -> str:
-    """Return ci-tiny with other noise, its camera of 12 bits where the seed is even and of 8 where it is odd."""
+    """Return ci-tiny with other noise and tapes, its camera of 12 bits where the seed is even and of 8 where it is odd.
+
+    In the profile itself every length is the true one, so that no error of its sessions is as large as a tape's.
+    """
     text = re.sub(r"(?m)^seed = \d+", f"seed = {seed}", TINY.read_text(encoding="utf-8"))
+    x, y, z, spots = 1 + TAPE_SIGMA * np.random.default_rng([seed, 4876]).normal(size=4)
+    for exact, taken in (
+        ("size_m = [4.80, 4.80, 2.40]", f"size_m = [{4.8 * x:.4f}, {4.8 * y:.4f}, {2.4 * z:.4f}]"),
+        ("distance_m = 4.876", f"distance_m = {4.876 * spots:.4f}"),
+    ):
+        if exact not in text:
+            raise ValueError(f"{TINY} does not say {exact!r} any more")
+        text = text.replace(exact, taken)
     if seed % 2 == 0:
         return text
     # Of the 12-bit camera's 64 of 4095 remain 4 of 255.
