@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 
 import cv2
 import numpy as np
@@ -16,6 +17,8 @@ from calibration.lenses.lens import distorted, ideal_coordinates
 
 _WIDEST = math.tan(math.radians(80))
 """From the axis, focal length 1: beyond, the polynomial of a usual lens folds back."""
+_JUST_BEFORE, _NO_IMAGINARY = 1 - 1e-6, 1e-9
+"""Of the squared distance of a fold, where a rational model may have a pole; of a root that is one."""
 _BROWN = 5
 """Terms of Brown's distortion; the rational model has eight."""
 _UNDISTORTIONS = 8
@@ -115,11 +118,48 @@ def bearings(
 def image_of(
     points: FloatArray, focal_px: ArrayLike, principal_point_px: ArrayLike, distortion: ArrayLike
 ) -> FloatArray:
-    """(N, 2) pixels of points in the device's frame."""
+    """(N, 2) pixels of points in the device's frame.
+
+    What is so far from the axis that the distortion folds back lies straight on outwards from there: outside of every
+    picture, where the polynomial would have it in the midst of one.
+    """
     depth = np.where(np.abs(points[:, 2:]) > 1e-9, points[:, 2:], 1e-9)
-    return np.asarray(
-        distort(points[:, :2] / depth, distortion) * np.asarray(focal_px) + np.asarray(principal_point_px)
-    )
+    plane = points[:, :2] / depth
+    within = _before_fold(plane, fold_squared(distortion))
+    real = distort(within, distortion) + (plane - within)
+    return np.asarray(real * np.asarray(focal_px) + np.asarray(principal_point_px))
+
+
+def _before_fold(plane: FloatArray, fold: float) -> FloatArray:
+    """Coordinates, brought inwards to where they do not fold."""
+    squared = (plane**2).sum(axis=1, keepdims=True)
+    if squared.max(initial=0.0) < fold:
+        return plane
+    return np.asarray(plane * np.sqrt(np.minimum(fold * _JUST_BEFORE / np.maximum(squared, _JUST_BEFORE * fold), 1)))
+
+
+def fold_squared(distortion: ArrayLike) -> float:
+    """Squared distance from the axis, on the plane z = 1, at which radial distortion folds back; infinity if never."""
+    return _fold_squared(tuple(np.asarray(distortion, dtype=np.float64).tolist()))
+
+
+@lru_cache(maxsize=64)
+def _fold_squared(terms: tuple[float, ...]) -> float:
+    rise = (7 * terms[4], 5 * terms[1], 3 * terms[0], 1.0)
+    if len(terms) == _BROWN:  # r N(r²) stops rising
+        return _least_positive_root(rise)
+    # r N(s) / D(s), s = r², stops rising where (N + 2 s N') D = 2 s N D', and has a pole where D is 0
+    upper, lower = np.array([terms[4], terms[1], terms[0], 1.0]), np.array([*reversed(terms[_BROWN:]), 1.0])
+    by_lower = np.convolve(upper, np.convolve((2.0, 0.0), lower[:-1] * (3, 2, 1)))
+    slope = np.convolve(rise, lower) - by_lower
+    return min(_least_positive_root(slope), _least_positive_root(lower))
+
+
+def _least_positive_root(coefficients: ArrayLike) -> float:
+    """Smallest real root above 0 of a polynomial, highest power first; infinity where there is none."""
+    roots = np.asarray(np.roots(np.asarray(coefficients, dtype=np.float64)), dtype=np.complex128)
+    real = roots.real[(np.abs(roots.imag) < _NO_IMAGINARY) & (roots.real > 0)]
+    return float(real.min(initial=math.inf))
 
 
 def world_rays(model: PinholeModel, xy_px: FloatArray | Float32Array, iterations: int = _UNDISTORTIONS) -> FloatArray:

@@ -9,10 +9,10 @@ from numpy.typing import ArrayLike
 
 from calibration.arrays import FloatArray
 from calibration.radiometry.flicker import MAINS_LIGHT_HZ, SWELL, InStep, swell_in_step
+from calibration.radiometry.rounding import ROUNDING_VARIANCE, rounding_bias
 
 _CLIPPED_SHARE, _BELOW, _WELL_ABOVE = 0.3, 0.02, 0.01
 """Of pixels: so many at one level, hardly one below and some more than one step above it, so noise is cut off there."""
-_ROUNDING_VARIANCE = 1 / 12
 _DRIFT = 0.02
 """Of the light on black, from frame to frame, where it swells by :data:`SWELL`; in proportion to that elsewhere."""
 _SHARES = (0.0, 0.1, 0.3, 1.0, 2.0)
@@ -62,13 +62,13 @@ def fit_black_level(levels: ArrayLike, exposures: ArrayLike) -> BlackLevel:
     shortest = frames[times == times.min()]
     lowest = float(np.quantile(shortest, 0.05, method="lower"))
     if _is_clipped(shortest, lowest):
-        sigma = float(np.sqrt(_ROUNDING_VARIANCE))
+        sigma = float(np.sqrt(ROUNDING_VARIANCE))
         return BlackLevel(offset_dn=lowest, sigma_dn=sigma, in_step=InStep.unknown(sigma), is_clipped=True)
     means = frames.mean(axis=1)
-    rounding = 0.05 * np.exp(-4 * np.pi**2 * np.maximum(frames.var(axis=1) - _ROUNDING_VARIANCE, 0))
-    variance = frames.var(axis=1) / frames.shape[1] + rounding + 1e-8
+    rounding = rounding_bias(means, frames.var(axis=1), frames.shape[1])
+    variance = frames.var(axis=1) / frames.shape[1] + rounding.variance + 1e-8
     # all frames of a camera without noise are rounded alike
-    return _with_sigma(_extended(times, means, variance), float(np.sqrt(rounding.min())))
+    return _with_sigma(_extended(times, means - rounding.bias_dn, variance), float(np.sqrt(rounding.variance.min())))
 
 
 def _with_sigma(found: BlackLevel, sigma_dn: float) -> BlackLevel:

@@ -8,6 +8,7 @@ import numpy as np
 
 from calibration.arrays import BoolArray, FloatArray, IntArray
 from calibration.radiometry.flicker import InStep, swell_in_step
+from calibration.radiometry.rounding import ROUNDING_VARIANCE, rounding_bias
 
 _GROUPS, _GROUP_PIXELS = 80, 30
 """Of pixels of about one light: rounding averages out in each, and its noise is known."""
@@ -86,16 +87,19 @@ def grouped_by_light(
     spread = np.stack([part.var(axis=1) for part in parts], axis=1)
     size = np.array([part.shape[1] for part in parts])
     has_repeats = len(np.unique(times)) < len(times)
-    temporal = np.stack(noise, axis=1) if has_repeats else 1 / 12 + 1e-5 * full_scale_dn * np.maximum(mean, 0)
-    # rounding does not average out in a group whose pixels all have one level
-    rounding = 0.05 * np.exp(-4 * np.pi**2 * np.maximum(spread - 1 / 12, 0))
-    variance = (temporal + 1 / 12) / size + rounding
+    temporal = (
+        np.stack(noise, axis=1) if has_repeats else ROUNDING_VARIANCE + 1e-5 * full_scale_dn * np.maximum(mean, 0)
+    )
+    # it does not average out in a group whose pixels all have one level, or two
+    rounding = rounding_bias(mean, spread, size)
+    mean = mean - rounding.bias_dn
+    variance = (temporal + ROUNDING_VARIANCE) / size + rounding.variance
     pixel_sigma = np.sqrt(temporal) / full_scale_dn
     largest = np.stack([np.quantile(part, 0.99, axis=1) for part in parts], axis=1) / full_scale_dn
     y = mean / full_scale_dn
     least = np.maximum(USABLE[0], np.maximum(_NOISE_CLEAR * pixel_sigma, 1.5 / full_scale_dn))
     usable = (y > least) & (largest < USABLE[1])
-    bent = np.maximum(spread - 1 / 12, 0) / 2 / full_scale_dn**2
+    bent = np.maximum(spread - ROUNDING_VARIANCE, 0) / 2 / full_scale_dn**2
     dark = np.zeros(len(parts)) if room is None else np.array([room.dark[part].mean() for part in members])
     swell = swell_in_step(times) / times[:, None]
     kept = usable.sum(axis=0) >= 2

@@ -184,11 +184,26 @@ def rays_at(lens: Lens, pose: Pose, xy_px: ArrayLike) -> FloatArray:
 
 
 def project(lens: Lens, pose: Pose, points_m: ArrayLike) -> FloatArray:
-    """Return (N, 2) image points [px] of world points (N, 3) [m]; NaN for what lies behind the device."""
+    """Return (N, 2) image points [px] of world points (N, 3) [m]; NaN for what the device images nowhere.
+
+    That is what lies behind it, and what is so far from its axis that the polynomial of its distortion folds back: it
+    would come to lie in the midst of the picture.
+    """
     local = np.asarray(points_m, dtype=np.float64) @ pose.rotation.T + pose.translation_m
     depth = np.where(local[:, 2] > 0, local[:, 2], np.nan)
-    plane = distort(local[:, :2] / depth[:, None], lens.distortion)
-    return np.asarray(plane * lens.focal_px + lens.principal_point_px)
+    plane = local[:, :2] / depth[:, None]
+    plane[(plane**2).sum(axis=1) >= fold_squared(lens.distortion)] = np.nan
+    return np.asarray(distort(plane, lens.distortion) * lens.focal_px + lens.principal_point_px)
+
+
+def fold_squared(distortion: Distortion) -> float:
+    """Return the squared distance from the axis, on the plane z = 1, at which radial distortion folds back.
+
+    There r (1 + k1 r² + k2 r⁴ + k3 r⁶) is largest; infinity where it rises for ever.
+    """
+    k1, k2, _, _, k3 = distortion
+    roots = np.roots([7 * k3, 5 * k2, 3 * k1, 1.0])
+    return float(min((root.real for root in roots if root.imag == 0 and root.real > 0), default=np.inf))
 
 
 def solid_angles(lens: Lens, xy_px: ArrayLike) -> FloatArray:

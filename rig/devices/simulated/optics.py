@@ -9,10 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.devices.simulated.settings import SimulatedLensSettings
+from rig.errors import ProfileError
 
 FloatArray = NDArray[np.float64]
 Float32Array = NDArray[np.float32]
 
+_UNDONE = 1e-6
+"""Of the focal length, to which distortion is undone at least."""
+_WIDEST, _STEPS_TO_FOLD = 10.0, 20_001
+"""84 degrees from the axis; in steps of which the first is 4 degrees, and one at 45 degrees 0.07."""
 _BLUR_STEPS = 5
 """Blurs between that of the axis and that of the corners; between two of them light is mixed."""
 
@@ -63,13 +68,23 @@ def distort(lens: SimulatedLensSettings, xy: FloatArray) -> FloatArray:
 
 
 def undistort(lens: SimulatedLensSettings, xy: FloatArray) -> FloatArray:
-    """Inverse of :func:`distort` by fixed-point iteration (converges for the mild lenses of a simulated world)."""
-    ideal = xy.copy()
+    """Inverse of :func:`distort` by fixed-point iteration (converges for the mild lenses of a simulated world).
+
+    Raises ProfileError where it does not: there the distortion folds.
+    """
+    ideal, largest = xy.copy(), np.inf
     for _ in range(50):
         correction = xy - distort(lens, ideal)
-        ideal += correction
-        if np.abs(correction).max(initial=0.0) < 1e-11:
+        ideal = np.clip(ideal + correction, -_WIDEST, _WIDEST)
+        largest = float(np.abs(correction).max(initial=0.0))
+        if largest < 1e-11:
             break
+    if largest > _UNDONE:
+        raise ProfileError(
+            f"simulation: the distortion {lens.distortion} of {lens.name!r} cannot be undone within its picture: "
+            f"{largest * lens.focal_px:.3g} px are left, the limit is {_UNDONE * lens.focal_px:.3g} px; it folds the "
+            "picture over at an edge: give smaller terms, a longer focal_px or a smaller picture"
+        )
     return ideal
 
 
@@ -83,11 +98,20 @@ def directions(optics: SimulatedOptics, xy_px: FloatArray) -> FloatArray:
 
 
 def pixels_of(optics: SimulatedOptics, points_m: FloatArray) -> FloatArray:
-    """(..., 2) pixel coordinates of world points; NaN behind the lens."""
+    """(..., 2) pixel coordinates of world points; NaN behind the lens, and where its distortion folds back."""
     local = (points_m - optics.position_m) @ optics.rotation.T
     with np.errstate(divide="ignore", invalid="ignore"):
         xy = np.where(local[..., 2:] > 1e-6, local[..., :2] / local[..., 2:], np.nan)
+    xy[(xy**2).sum(axis=-1) >= _fold_r2(optics.lens)] = np.nan
     return np.asarray(distort(optics.lens, xy) * optics.lens.focal_px + optics.lens.principal_point_px)
+
+
+def _fold_r2(lens: SimulatedLensSettings) -> float:
+    """Squared distance from the axis at which the distorted radius stops rising: beyond, a lens images nothing."""
+    k1, k2, _, _, k3 = lens.distortion
+    r2 = np.linspace(0.0, _WIDEST**2, _STEPS_TO_FOLD)
+    falls = 1 + r2 * (3 * k1 + r2 * (5 * k2 + r2 * 7 * k3)) <= 0
+    return float(r2[falls.argmax()]) if falls.any() else np.inf
 
 
 def relative_illumination(optics: SimulatedOptics, xy_px: FloatArray) -> FloatArray:

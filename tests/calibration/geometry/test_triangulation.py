@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from calibration.errors import CalibrationError
-from calibration.geometry.pinhole import PinholeModel
+from calibration.geometry.pinhole import PinholeModel, image_of, project, undistort
 from calibration.geometry.triangulation import average_by_projector_pixel, stands_alone, triangulate, triangulate_lines
 from calibration.structured_light.correspondence import Correspondence, PixelReason
 
@@ -182,3 +182,33 @@ def test_a_column_behind_the_devices_gives_no_point() -> None:
 def test_columns_need_a_baseline_too() -> None:
     with pytest.raises(CalibrationError, match="no depth"):
         triangulate_lines(np.zeros((1, 2)), np.zeros(1), CAMERA, CAMERA)
+
+
+@pytest.mark.parametrize(
+    "distortion",
+    [
+        (-0.041, -0.033, 0.0, 0.0, 0.0),
+        (-0.4, 0.0, 0.001, -0.002, 0.0),
+        (-0.05, 0.4, -0.007, -0.002, -1.0),
+        (0.1, -0.02, 0.0, 0.001, 0.0, 0.4, 0.1, 0.02),
+        (0.1, 0.1, 0.0, 0.0, 0.0, 0.5, -0.1, 0.0),
+    ],
+)
+def test_no_point_beyond_the_edge_of_a_lens_comes_to_lie_in_its_picture(distortion: tuple[float, ...]) -> None:
+    """The polynomial of a distortion turns back at some angle, and would have what lies further out in the picture."""
+    random = np.random.default_rng(7)
+    points = np.column_stack([random.normal(size=(100_000, 2)), np.abs(random.normal(size=100_000)) + 1e-3])
+    xy = image_of(points, 1.0, 0.0, distortion)
+    assert np.isfinite(xy).all()
+    inside = (np.abs(xy) < (0.45, 0.35)).all(axis=1)
+    assert inside.sum() > 5000
+    seen = undistort(xy[inside], distortion, iterations=50)
+    np.testing.assert_allclose(points[inside, :2] / points[inside, 2:], seen, atol=1e-6)
+
+
+def test_a_point_that_goes_outwards_never_comes_back(  # in steps that are finer than any fold
+) -> None:
+    along = np.linspace(0, 1.4, 2000)
+    points = CAMERA.rotation.T @ (np.stack([np.sin(along), 0 * along, np.cos(along)]) - CAMERA.translation_m[:, None])
+    column = project(CAMERA, points.T)[:, 0]
+    assert (np.diff(column) > 0).all()

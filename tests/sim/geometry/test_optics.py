@@ -57,6 +57,32 @@ def test_points_behind_the_device_have_no_image():
     assert np.isnan(project(BENT, pose, [[-1.0, 0.0, 0.0]])).all()
 
 
+FOLDING = [(-0.041, -0.033, 0.0, 0.0, 0.0), (-0.4, 0.0, 0.001, -0.002, 0.0), (-0.05, 0.4, -0.007, -0.002, -1.0)]
+
+
+@pytest.mark.parametrize("distortion", FOLDING)
+def test_what_a_lens_images_is_what_its_pixels_see_and_nothing_from_beyond_its_edge(
+    distortion: tuple[float, float, float, float, float],
+) -> None:
+    """The polynomial of a distortion turns back at some angle, and would have what lies further out in the picture."""
+    lens = Lens(
+        width_px=640,
+        height_px=480,
+        focal_px=(1000.0, 990.0),
+        principal_point_px=(310.0, 420.0),
+        distortion=distortion,
+    )
+    ahead = np.random.default_rng(7).normal(size=(200_000, 3))
+    ahead[:, 2] = np.abs(ahead[:, 2])
+    ahead /= np.linalg.norm(ahead, axis=1, keepdims=True)
+    xy = project(lens, Pose(np.eye(3), np.zeros(3)), ahead)
+    inside = ((xy > -0.5) & (xy < (639.5, 479.5))).all(axis=1)
+    assert inside.sum() > 5000
+    assert np.abs(rays_at(lens, Pose(np.eye(3), np.zeros(3)), xy[inside]) - ahead[inside]).max() < 1e-6
+    share = solid_angles(lens, lens.pixel_grid()).sum() / (2 * np.pi)
+    assert inside.mean() == pytest.approx(share, abs=4 * np.sqrt(share / len(ahead)))
+
+
 @pytest.mark.parametrize("lens", [BENT, Lens.from_horizontal_field_of_view(64, 48, 120.0)])
 def test_the_pixels_solid_angles_add_up_to_the_images(lens):
     grid = lens.pixel_grid()

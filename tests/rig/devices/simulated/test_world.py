@@ -14,6 +14,7 @@ from rig.devices.simulated.optics import directions, make_optics, pixels_of
 from rig.devices.simulated.room import SimulatedRoom, make_room, trace
 from rig.devices.simulated.settings import SimulationSettings
 from rig.devices.simulated.world import SimulatedWorld
+from rig.errors import ProfileError
 
 PROFILE = Path(__file__).parents[4] / "hw_profiles" / "ci-tiny.toml"
 
@@ -87,6 +88,33 @@ def test_a_point_projects_to_the_pixel_whose_ray_hits_it(settings: SimulationSet
     pixels = np.array([[3.0, 5.0], [160.2, 119.7], [318.0, 230.0]])
     points = optics.position_m + 2.5 * directions(optics, pixels)
     np.testing.assert_allclose(pixels_of(optics, points), pixels, atol=1e-6)
+
+
+def test_a_lens_whose_distortion_folds_back_lights_nothing_outside_of_its_picture(
+    settings: SimulationSettings,
+) -> None:
+    """Light was negative there: a black arc where the room is lit by what its walls reflect."""
+    table = settings.model_dump(by_alias=True)
+    table["projector"][0]["focal_px"] = 200.0
+    table["projector"][0]["distortion"] = (-0.041, -0.033, 0.0, 0.0, 0.0)
+    table["camera"][0].update(focal_px=60.0, distortion=(0.0,) * 5)
+    world = SimulatedWorld(SimulationSettings.model_validate(table), (240, 320), (192, 256))
+    direct = world.light_of(np.ones(world.projector.shape, dtype=np.float32)).direct
+    assert direct.min() >= 0
+    seen = world.surface.points_m
+    toward = (seen - world.projector.position_m) @ world.projector.rotation.T
+    angle = np.degrees(np.arctan2(np.hypot(toward[..., 0], toward[..., 1]), toward[..., 2]))
+    corners = directions(world.projector, np.array([[-0.5, -0.5], [255.5, -0.5], [-0.5, 191.5], [255.5, 191.5]]))
+    widest = np.degrees(np.arccos((corners @ world.projector.rotation.T)[:, 2])).max()
+    assert (angle > widest + 5).mean() > 0.2
+    assert not direct[angle > widest + 5].any()
+
+
+def test_a_distortion_that_folds_the_picture_itself_is_refused_with_the_terms(settings: SimulationSettings) -> None:
+    table = settings.model_dump(by_alias=True)
+    table["projector"][0]["distortion"] = (-0.25, -0.1, 0.0, 0.0, 0.0)
+    with pytest.raises(ProfileError, match=r"distortion \(-0\.25, -0\.1.* of 'projector' cannot be undone"):
+        SimulatedWorld(SimulationSettings.model_validate(table), (240, 320), (192, 256))
 
 
 def test_a_device_outside_the_room_is_refused(settings: SimulationSettings) -> None:
