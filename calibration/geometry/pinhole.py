@@ -133,7 +133,7 @@ def image_of(
 def _before_fold(plane: FloatArray, fold: float) -> FloatArray:
     """Coordinates, brought inwards to where they do not fold."""
     squared = (plane**2).sum(axis=1, keepdims=True)
-    if squared.max(initial=0.0) < fold:
+    if not (squared >= fold).any():
         return plane
     return np.asarray(plane * np.sqrt(np.minimum(fold * _JUST_BEFORE / np.maximum(squared, _JUST_BEFORE * fold), 1)))
 

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from calibration.arrays import BoolArray, FloatArray, IntArray
-from calibration.geometry.pinhole import PinholeModel, project, world_rays
+from calibration.geometry.pinhole import PinholeModel, project
 from calibration.geometry.room import RoomBox
 from calibration.surfaces.flat_parts import Parts
 from calibration.surfaces.point_map import PointMap
@@ -23,8 +23,6 @@ _MOST_AGAINST, _MOST_SEEN, _LEAST_INSIDE = 0.2, 0.6, 0.2
 """Of a cell's samples: with more that is seen through, or seen, or with less in the room, it is not carried on."""
 _FROM_DEVICES_M = 0.3
 """Nearer to a lens nothing stands."""
-_BEYOND = 1.05
-"""Times the tangent of the widest angle of a picture, up to which a place may be in it."""
 _LEAST_AREA = 1e-3
 """Of a cell: what the walls leave of it has to be more."""
 _NOTHING, _SEEN, _OPEN = 0, 1, 2
@@ -131,21 +129,13 @@ def _is_in(lens: PinholeModel, places_m: FloatArray) -> BoolArray:
 def _read(image: FloatArray, lens: PinholeModel, places_m: FloatArray) -> FloatArray:
     """(N,) values of an image at the pixels in which a lens has places; NaN outside and behind."""
     local = places_m @ lens.rotation.T + lens.translation_m
-    # Far beyond its picture a lens's terms may lead back into it.
-    ahead = np.hypot(local[:, 0], local[:, 1]) < _BEYOND * _widest(lens) * local[:, 2]
+    ahead = local[:, 2] > 0
     xy = project(lens, np.where(ahead[:, None], places_m, lens.position_m + lens.rotation[2]))
     column, row = np.rint(xy).astype(np.int64).T
     inside = ahead & (column >= 0) & (row >= 0) & (column < image.shape[1]) & (row < image.shape[0])
     found = np.full(len(places_m), np.nan)
     found[inside] = image[row[inside], column[inside]]
     return found
-
-
-def _widest(lens: PinholeModel) -> float:
-    """Tangent of the angle from its axis at which a corner of its picture looks."""
-    right, bottom = lens.width_px - 0.5, lens.height_px - 0.5
-    rays = world_rays(lens, np.array([(-0.5, -0.5), (right, -0.5), (-0.5, bottom), (right, bottom)])) @ lens.rotation.T
-    return float((np.hypot(rays[:, 0], rays[:, 1]) / rays[:, 2]).max())
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

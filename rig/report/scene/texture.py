@@ -14,7 +14,7 @@ from rig.files.pictures import png_of
 from rig.stages.maps.sampling import sample
 from rig.stages.model import FittedScene
 from rig.stages.scene_model import SceneModel, face_of_pixels, white_irradiance
-from sim.geometry.optics import project, rays_at
+from sim.geometry.optics import project
 from sim.geometry.rays import trace
 from sim.geometry.surface import Surface
 
@@ -122,10 +122,7 @@ def _visible(scene_model: SceneModel, points: FloatArray) -> NDArray[np.bool_]:
     origin = camera.pose.position_m
     away = points - origin
     distance = np.linalg.norm(away, axis=1)
-    # Beyond the picture's corners a lens's polynomial may lead back into the picture.
-    rims = rays_at(camera.lens, camera.pose, _corners_px(camera.lens.shape))
-    ahead = away @ camera.pose.rotation[2] > distance * (rims @ camera.pose.rotation[2]).min()
-    xy = np.where(ahead[:, None], project(camera.lens, camera.pose, points), -10.0)
+    xy = project(camera.lens, camera.pose, points)
     height, width = camera.lens.shape
     with np.errstate(invalid="ignore"):
         inside = ((xy > 0) & (xy < (width - 1, height - 1))).all(axis=1)
@@ -133,11 +130,6 @@ def _visible(scene_model: SceneModel, points: FloatArray) -> NDArray[np.bool_]:
     hits = trace(scene_model.scene, origin, away[inside] / distance[inside, None])
     first[inside] = np.where(hits.patch >= 0, hits.distance, np.inf)
     return np.asarray(inside & (first > distance * (1 - _SAME_PLACE)))
-
-
-def _corners_px(shape: tuple[int, int]) -> FloatArray:
-    height, width = shape
-    return np.array([(0, 0), (width - 1, 0), (0, height - 1), (width - 1, height - 1)], dtype=np.float64)
 
 
 def _pixel_reflectance(band: SceneModel) -> FloatArray:
