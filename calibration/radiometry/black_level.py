@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from calibration.arrays import FloatArray
 from calibration.radiometry.flicker import MAINS_LIGHT_HZ, SWELL, InStep, swell_in_step
-from calibration.radiometry.rounding import ROUNDING_VARIANCE, rounding_bias
+from calibration.radiometry.light_groups import ROUNDING_VARIANCE, rounding_bias
 
 _CLIPPED_SHARE, _BELOW, _WELL_ABOVE = 0.3, 0.02, 0.01
 """Of pixels: so many at one level, hardly one below and some more than one step above it, so noise is cut off there."""

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from calibration.radiometry.black_level import fit_black_level
-from calibration.radiometry.rounding import rounding_bias
+from calibration.radiometry.light_groups import rounding_bias
 
 
 @pytest.mark.parametrize("count", [30, 300, 5000])
