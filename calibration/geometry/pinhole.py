@@ -145,21 +145,25 @@ def fold_squared(distortion: ArrayLike) -> float:
 
 @lru_cache(maxsize=64)
 def _fold_squared(terms: tuple[float, ...]) -> float:
-    rise = (7 * terms[4], 5 * terms[1], 3 * terms[0], 1.0)
-    if len(terms) == _BROWN:  # r N(r²) stops rising
-        return _least_positive_root(rise)
+    if not all(map(math.isfinite, terms)):  # of a fit that went astray
+        return math.inf
     # r N(s) / D(s), s = r², stops rising where (N + 2 s N') D = 2 s N D', and has a pole where D is 0
-    upper, lower = np.array([terms[4], terms[1], terms[0], 1.0]), np.array([*reversed(terms[_BROWN:]), 1.0])
-    by_lower = np.convolve(upper, np.convolve((2.0, 0.0), lower[:-1] * (3, 2, 1)))
-    slope = np.convolve(rise, lower) - by_lower
+    upper, rise = np.array([1.0, terms[0], terms[1], terms[4]]), (1.0, 3 * terms[0], 5 * terms[1], 7 * terms[4])
+    if len(terms) == _BROWN:
+        return _least_positive_root(rise)
+    lower = np.array([1.0, *terms[_BROWN:]])
+    slope = np.convolve(rise, lower) - np.convolve(upper, 2 * lower * np.arange(len(lower)))
     return min(_least_positive_root(slope), _least_positive_root(lower))
 
 
 def _least_positive_root(coefficients: ArrayLike) -> float:
-    """Smallest real root above 0 of a polynomial, highest power first; infinity where there is none."""
-    roots = np.asarray(np.roots(np.asarray(coefficients, dtype=np.float64)), dtype=np.complex128)
-    real = roots.real[(np.abs(roots.imag) < _NO_IMAGINARY) & (roots.real > 0)]
-    return float(real.min(initial=math.inf))
+    """Smallest real root above 0 of 1 + a s + b s² ...; infinity where there is none.
+
+    The largest 1 / s of a polynomial that begins with 1: terms that are nearly 0 do it no harm.
+    """
+    inverse = np.asarray(np.roots(np.asarray(coefficients, dtype=np.float64)), dtype=np.complex128)
+    largest = float(inverse.real[np.abs(inverse.imag) < _NO_IMAGINARY].max(initial=0.0))
+    return 1 / largest if largest > 0 else math.inf
 
 
 def world_rays(model: PinholeModel, xy_px: FloatArray | Float32Array, iterations: int = _UNDISTORTIONS) -> FloatArray:

@@ -28,7 +28,8 @@ class Lens:
     Raises
     ------
     SimulationError
-        For a size or focal length that is no number above 0, or a size beyond any device's.
+        For a size or focal length that is no number above 0, a size beyond any device's, or other than five terms of
+        distortion.
     """
 
     width_px: int
@@ -43,6 +44,7 @@ class Lens:
     def __post_init__(self) -> None:
         sizes = numbers_of("size of the lens's image", (self.width_px, self.height_px), 2)
         numbers_of("principal point", self.principal_point_px, 2)
+        numbers_of("distortion k1, k2, p1, p2, k3", self.distortion, 5)
         if not all(1 <= size <= MOST_PX for size in sizes) or min(numbers_of("focal lengths", self.focal_px, 2)) <= 0:
             raise SimulationError(
                 f"lens of {self.width_px} x {self.height_px} px, focal lengths {self.focal_px} px; all must be above "
@@ -202,8 +204,9 @@ def fold_squared(distortion: Distortion) -> float:
     There r (1 + k1 r² + k2 r⁴ + k3 r⁶) is largest; infinity where it rises for ever.
     """
     k1, k2, _, _, k3 = distortion
-    roots = np.roots([7 * k3, 5 * k2, 3 * k1, 1.0])
-    return float(min((root.real for root in roots if root.imag == 0 and root.real > 0), default=np.inf))
+    # by 1 / r², whose polynomial begins with 1: terms that are nearly 0 do it no harm
+    inverse = [root.real for root in np.roots([1.0, 3 * k1, 5 * k2, 7 * k3]) if root.imag == 0 and root.real > 0]
+    return 1 / max(inverse) if inverse else float(np.inf)
 
 
 def solid_angles(lens: Lens, xy_px: ArrayLike) -> FloatArray:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from calibration.errors import CalibrationError
-from calibration.geometry.pinhole import PinholeModel, image_of, project, undistort
+from calibration.geometry.pinhole import PinholeModel, fold_squared, image_of, project, undistort
 from calibration.geometry.triangulation import average_by_projector_pixel, stands_alone, triangulate, triangulate_lines
 from calibration.structured_light.correspondence import Correspondence, PixelReason
 
@@ -206,8 +206,23 @@ def test_no_point_beyond_the_edge_of_a_lens_comes_to_lie_in_its_picture(distorti
     np.testing.assert_allclose(points[inside, :2] / points[inside, 2:], seen, atol=1e-6)
 
 
-def test_a_point_that_goes_outwards_never_comes_back(  # in steps that are finer than any fold
+@pytest.mark.parametrize(
+    ("distortion", "fold"),
+    [
+        ((-0.4, 0.0, 0.0, 0.0, 1e-17), 1 / 1.2),
+        ((-0.4, 1e-310, 0.0, 0.0, 0.0, 1e-18, 0.0, 1e-30), 1 / 1.2),
+        ((0.4, 0.0, 0.0, 0.0, 0.1), np.inf),
+        ((0.0, 0.0, 0.0, 0.0, 0.0, -0.25, 0.0, 0.0), 4.0),
+        ((float("nan"),) * 5, np.inf),
+    ],
+)
+def test_terms_that_are_nearly_nothing_or_no_numbers_do_not_move_the_fold(
+    distortion: tuple[float, ...], fold: float
 ) -> None:
+    assert fold_squared(distortion) == pytest.approx(fold, rel=1e-9)
+
+
+def test_a_point_that_goes_outwards_never_comes_back() -> None:
     along = np.linspace(0, 1.4, 2000)
     points = CAMERA.rotation.T @ (np.stack([np.sin(along), 0 * along, np.cos(along)]) - CAMERA.translation_m[:, None])
     column = project(CAMERA, points.T)[:, 0]

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from sim.errors import SimulationError
-from sim.geometry.optics import Lens, Pose, pixel_rays, project, rays_at, solid_angles
+from sim.geometry.optics import Lens, Pose, fold_squared, pixel_rays, project, rays_at, solid_angles
 
 BENT = Lens(
     width_px=320,
@@ -83,6 +83,12 @@ def test_what_a_lens_images_is_what_its_pixels_see_and_nothing_from_beyond_its_e
     assert inside.mean() == pytest.approx(share, abs=4 * np.sqrt(share / len(ahead)))
 
 
+@pytest.mark.parametrize("k3", [0.0, 1e-300, 1e-17, -1e-17])
+def test_a_term_that_is_nearly_nothing_does_not_move_the_fold(k3: float) -> None:
+    assert fold_squared((-0.4, 0.0, 0.0, 0.0, k3)) == pytest.approx(1 / 1.2, rel=1e-12)
+    assert fold_squared((0.4, 0.0, 0.0, 0.0, abs(k3))) == np.inf
+
+
 @pytest.mark.parametrize("lens", [BENT, Lens.from_horizontal_field_of_view(64, 48, 120.0)])
 def test_the_pixels_solid_angles_add_up_to_the_images(lens):
     grid = lens.pixel_grid()
@@ -118,6 +124,9 @@ def test_impossible_optics_are_refused():
         Lens.from_horizontal_field_of_view(64, 48, 180.0)
     with pytest.raises(SimulationError, match="above 0"):
         Lens(width_px=64, height_px=48, focal_px=(0.0, 1.0), principal_point_px=(0.0, 0.0))
+    for terms in ((0.1, float("nan"), 0.0, 0.0, 0.0), (0.1, 0.0)):
+        with pytest.raises(SimulationError, match="distortion k1, k2, p1, p2, k3"):
+            Lens(width_px=64, height_px=48, focal_px=(9.0, 9.0), principal_point_px=(0.0, 0.0), distortion=terms)
     with pytest.raises(SimulationError, match="straight along"):
         Pose.look_at((0, 0, 0), (0, 0, 1))
     with pytest.raises(SimulationError, match="not one"):
