@@ -106,9 +106,8 @@ class _ThroughLenses:
         known = points.known
         places = points.origin_m + points.distance_m[known][:, None] * points.rays[known]
         lit = np.full((projector.height_px, projector.width_px), np.nan)
-        column, row = np.rint(project(projector, places)).astype(np.int64).T
-        inside = (column >= 0) & (row >= 0) & (column < projector.width_px) & (row < projector.height_px)
-        lit[row[inside], column[inside]] = np.linalg.norm(places - projector.position_m, axis=1)[inside]
+        inside, at = _inside(project(projector, places), lit.shape)
+        lit[at] = np.linalg.norm(places - projector.position_m, axis=1)[inside]
         return cls(camera, projector, points.distance_m, lit)
 
     def deny(self, places_m: FloatArray) -> BoolArray:
@@ -131,11 +130,17 @@ def _read(image: FloatArray, lens: PinholeModel, places_m: FloatArray) -> FloatA
     local = places_m @ lens.rotation.T + lens.translation_m
     ahead = local[:, 2] > 0
     xy = project(lens, np.where(ahead[:, None], places_m, lens.position_m + lens.rotation[2]))
-    column, row = np.rint(xy).astype(np.int64).T
-    inside = ahead & (column >= 0) & (row >= 0) & (column < image.shape[1]) & (row < image.shape[0])
-    found = np.full(len(places_m), np.nan)
-    found[inside] = image[row[inside], column[inside]]
-    return found
+    inside, at = _inside(xy, image.shape)
+    values = np.full(len(places_m), np.nan)
+    values[inside] = image[at]
+    return np.where(ahead, values, np.nan)
+
+
+def _inside(xy_px: FloatArray, shape: tuple[int, ...]) -> tuple[BoolArray, tuple[IntArray, IntArray]]:
+    """(N,) places in a picture, and the rows and columns of these; one far from the axis may have any number."""
+    inside: BoolArray = np.asarray(((xy_px > -0.5) & (xy_px < (shape[1] - 0.5, shape[0] - 0.5))).all(axis=1))
+    column, row = np.rint(xy_px[inside]).astype(np.int64).T
+    return inside, (row, column)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
