@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from calibration import _kernel
-from calibration.arrays import Float32Array, FloatArray
+from calibration.arrays import BoolArray, Float32Array, FloatArray, IntArray
 from calibration.lenses.lens import distorted, ideal_coordinates
 
 _WIDEST = math.tan(math.radians(80))
@@ -187,6 +187,24 @@ def project(model: PinholeModel, points_m: FloatArray) -> FloatArray:
     """(N, 2) pixels of world points."""
     local = points_m @ model.rotation.T + model.translation_m
     return image_of(local, model.focal_px, model.principal_point_px, model.distortion)
+
+
+def pixels_in(xy_px: FloatArray, shape: tuple[int, ...]) -> tuple[BoolArray, tuple[IntArray, IntArray]]:
+    """(N,) places in a picture, and rows and columns of these; one far from the axis may have any number, or none."""
+    nearest = np.rint(xy_px)
+    inside: BoolArray = np.asarray(((nearest >= 0) & (nearest < (shape[1], shape[0]))).all(axis=1))
+    column, row = nearest[inside].astype(np.int64).T
+    return inside, (row, column)
+
+
+def values_seen(image: FloatArray, model: PinholeModel, points_m: FloatArray) -> FloatArray:
+    """(N,) values of an image at the pixels in which a device has world points; NaN outside of it and behind."""
+    ahead = (points_m @ model.rotation.T + model.translation_m)[:, 2] > 0
+    xy = project(model, np.where(ahead[:, None], points_m, model.position_m + model.rotation[2]))
+    inside, at = pixels_in(xy, image.shape)
+    values = np.full(len(points_m), np.nan)
+    values[inside] = image[at]
+    return np.where(ahead, values, np.nan)
 
 
 def rotation_of(vector: ArrayLike) -> FloatArray:

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from calibration.arrays import BoolArray, FloatArray, IntArray
-from calibration.geometry.pinhole import PinholeModel, project
+from calibration.geometry.pinhole import PinholeModel, pixels_in, project, values_seen
 from calibration.geometry.room import RoomBox
 from calibration.surfaces.flat_parts import Parts
 from calibration.surfaces.point_map import PointMap
@@ -106,13 +106,16 @@ class _ThroughLenses:
         known = points.known
         places = points.origin_m + points.distance_m[known][:, None] * points.rays[known]
         lit = np.full((projector.height_px, projector.width_px), np.nan)
-        inside, at = _inside(project(projector, places), lit.shape)
+        inside, at = pixels_in(project(projector, places), lit.shape)
         lit[at] = np.linalg.norm(places - projector.position_m, axis=1)[inside]
         return cls(camera, projector, points.distance_m, lit)
 
     def deny(self, places_m: FloatArray) -> BoolArray:
         """(N,) places that a lens looks through, or is in; and those that would be seen and are not, or are hidden."""
-        seen_m, lit_m = _read(self.seen_m, self.camera, places_m), _read(self.lit_m, self.projector, places_m)
+        seen_m, lit_m = (
+            values_seen(self.seen_m, self.camera, places_m),
+            values_seen(self.lit_m, self.projector, places_m),
+        )
         against = np.isfinite(seen_m) | (_is_in(self.camera, places_m) & _is_in(self.projector, places_m))
         for lens, there in ((self.camera, seen_m), (self.projector, lit_m)):
             distance = np.linalg.norm(places_m - lens.position_m, axis=1)
@@ -122,25 +125,7 @@ class _ThroughLenses:
 
 def _is_in(lens: PinholeModel, places_m: FloatArray) -> BoolArray:
     """(N,) places that a lens has in its picture."""
-    return np.isfinite(_read(np.ones((lens.height_px, lens.width_px)), lens, places_m))
-
-
-def _read(image: FloatArray, lens: PinholeModel, places_m: FloatArray) -> FloatArray:
-    """(N,) values of an image at the pixels in which a lens has places; NaN outside and behind."""
-    local = places_m @ lens.rotation.T + lens.translation_m
-    ahead = local[:, 2] > 0
-    xy = project(lens, np.where(ahead[:, None], places_m, lens.position_m + lens.rotation[2]))
-    inside, at = _inside(xy, image.shape)
-    values = np.full(len(places_m), np.nan)
-    values[inside] = image[at]
-    return np.where(ahead, values, np.nan)
-
-
-def _inside(xy_px: FloatArray, shape: tuple[int, ...]) -> tuple[BoolArray, tuple[IntArray, IntArray]]:
-    """(N,) places in a picture, and the rows and columns of these; one far from the axis may have any number."""
-    inside: BoolArray = np.asarray(((xy_px > -0.5) & (xy_px < (shape[1] - 0.5, shape[0] - 0.5))).all(axis=1))
-    column, row = np.rint(xy_px[inside]).astype(np.int64).T
-    return inside, (row, column)
+    return np.isfinite(values_seen(np.ones((lens.height_px, lens.width_px)), lens, places_m))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -180,7 +165,7 @@ class _PlaneCells:
         x = (np.arange(columns)[:, None] + share).ravel() * self.cell_m
         places = (self.corner_m + y[:, None, None] * self.v + x[None, :, None] * self.u).reshape(-1, 3)
         inside: BoolArray = np.asarray(((places > 0) & (places < self.size_m)).all(axis=1))
-        is_seen: BoolArray = np.asarray(_read(seen.astype(np.float64), through.camera, places) > 0)
+        is_seen: BoolArray = np.asarray(values_seen(seen.astype(np.float64), through.camera, places) > 0)
         asked = (inside, is_seen, through.deny(places) & ~is_seen)
         within, of_part, against = (_shares(np.asarray(inside & one), self.shape) for one in asked)
         within = np.maximum(within, np.finfo(float).tiny)

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from calibration.arrays import BoolArray, FloatArray
-from calibration.geometry.pinhole import PinholeModel, project
+from calibration.geometry.pinhole import PinholeModel, values_seen
 from calibration.surfaces.known.nearest import SampledMesh
 from calibration.surfaces.point_map import PointMap
 
@@ -296,14 +296,7 @@ def _see_through(mesh: SampledMesh, pose: MeshPose, behind: FloatArray, camera: 
     away = world - camera.position_m
     distance = np.linalg.norm(away, axis=1)
     facing = np.einsum("nc,nc->n", mesh.normals[triangle[::step]] @ pose.rotation.T, away) < 0
-    ahead = (away @ camera.rotation[2] > 0) & facing
-    height, width = behind.shape
-    xy = np.full((len(world), 2), -1.0)
-    xy[ahead] = project(camera, world[ahead])
-    column, row = (np.rint(np.clip(np.nan_to_num(xy[:, k], nan=-1.0), -1.0, 1e6)).astype(np.intp) for k in (0, 1))
-    inside = ahead & (column >= 0) & (row >= 0) & (column < width) & (row < height)
-    measured = np.full(len(world), np.nan)
-    measured[inside] = behind[row[inside], column[inside]]
+    measured = np.where(facing, values_seen(behind, camera, world), np.nan)
     known = np.isfinite(measured)
     through = measured[known] > distance[known] * (1 + _SEE_THROUGH)
     return float(through.mean()) if known.any() else 0.0

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 
 from calibration.arrays import BoolArray, FloatArray
-from calibration.geometry.pinhole import PinholeModel, project
+from calibration.geometry.pinhole import PinholeModel, pixels_in, project
 from calibration.surfaces.point_map import PointMap, camera_rays
 
 _SIDES_PX = (3, 5, 7)
@@ -79,10 +79,9 @@ def covered(points: PointMap, chosen: BoolArray, projector: PinholeModel) -> Boo
     (height, width) bool
     """
     mask: BoolArray = np.asarray(chosen & points.known)
-    column, row = np.rint(project(projector, points.origin_m + points.distance_m[mask][:, None] * points.rays[mask])).T
-    inside = (column >= 0) & (row >= 0) & (column < projector.width_px) & (row < projector.height_px)
+    places = points.origin_m + points.distance_m[mask][:, None] * points.rays[mask]
     found = np.zeros((projector.height_px, projector.width_px), np.uint8)
-    found[row[inside].astype(np.intp), column[inside].astype(np.intp)] = 1
+    found[pixels_in(project(projector, places), found.shape)[1]] = 1
     return np.asarray(cv2.dilate(found, np.ones((3, 3), np.uint8)) > 0)
 
 
@@ -102,9 +101,8 @@ def read_at(image: FloatArray, xy_px: FloatArray) -> FloatArray:
 def _pixel_sums(xy_px: FloatArray, value: FloatArray, weight: FloatArray, projector: PinholeModel) -> FloatArray:
     """(12, h, w) of a pixel's points: weighted sums of 1, x, y, x², xy, y², v, xv, yv, v²; number; whether any."""
     height, width = projector.height_px, projector.width_px
-    column, row = np.rint(xy_px).astype(np.int64).T
-    inside = (column >= 0) & (row >= 0) & (column < width) & (row < height)
-    index = (row * width + column)[inside]
+    inside, (row, column) = pixels_in(xy_px, (height, width))
+    index = row * width + column
     x, y, v, w = xy_px[inside, 0], xy_px[inside, 1], value[inside], weight[inside] ** 2
     terms = (w, w * x, w * y, w * x * x, w * x * y, w * y * y, w * v, w * x * v, w * y * v, w * v * v, np.ones_like(w))
     sums = [np.bincount(index, each, height * width).reshape(height, width) for each in terms]
