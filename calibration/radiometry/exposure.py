@@ -24,7 +24,7 @@ random rooms, 2.1 in one whose camera saw the wall beside the projector."""
 _POWERS, _TELLING = (0.3, 4.0), 0.02
 """Of tone curves; levels that differ by less than 2 % tell nothing."""
 _MOST_LEFT = 0.05
-"""Of white's light: a display's afterglow and room light that swells leave less; a frame too early leaves half."""
+"""Of the picture before: a display's afterglow and room light that swells leave less; a frame too early leaves half."""
 _LEAST_SIGNAL = 0.01
 """White has to be brighter than black by this share of full scale, or there is nothing to measure."""
 
@@ -149,29 +149,46 @@ def refuse_darkness(white: Frame, black: Frame, *, full_scale_dn: float, exposur
         )
 
 
-def refuse_lateness(black: Sequence[Frame], white: Frame) -> None:
+def late_share(photographs: Sequence[Frame], before: Frame) -> float:
+    """Return what share of the picture before is still in the first photograph of a picture.
+
+    Parameters
+    ----------
+    photographs : (N of) (H, W, C)
+        Digital numbers of frames of one picture, in the order in which they were taken, the first after another one.
+    before : (H, W, C)
+        A frame of the picture before, at the same exposure.
+
+    Returns
+    -------
+    float
+        By how much the first is more like the one before than any of the others; 0 where pictures do not differ.
+    """
+    first, *others = (float(frame.mean(dtype=np.float64)) for frame in photographs)
+    settled = float(np.median(others))
+    change = float(before.mean(dtype=np.float64)) - settled
+    return (first - settled) / change - max((other - settled) / change for other in others) if change else 0.0
+
+
+def refuse_lateness(late: float, shown: str, before: str) -> None:
     """Refuse photographs that show the picture before the one that was on.
 
     Parameters
     ----------
-    black : (N of) (H, W, C)
-        Digital numbers of frames of projector black, in the order in which they were taken, the first after white.
-    white : (H, W, C)
-        A frame of projector white at the same exposure.
+    late : float
+        What :func:`late_share` says.
+    shown, before : str
+        The picture, and the one before it, for the message.
 
     Raises
     ------
     CalibrationError
-        If the first is brighter than all others by more than 5 % of what white adds to them.
+        If it is more than 5 %.
     """
-    first, *others = (float(frame.mean(dtype=np.float64)) for frame in black)
-    light = float(white.mean(dtype=np.float64)) - float(np.median(others))
-    left = first - max(others)
-    if light > 0 and left > _MOST_LEFT * light:
+    if late > _MOST_LEFT:
         raise CalibrationError(
-            f"the first photograph of black after white still has {100 * left / light:.0f} % of white's light, those "
-            f"after it have not; the limit is {100 * _MOST_LEFT:g} %: photographs show the picture before the one that "
-            "was on. Raise projector.latency_s (`rig check` measures it, and --apply writes it into the profile); "
-            "switch off what lays frames over each other, the camera's noise reduction and the projector's smooth "
-            "motion"
+            f"the first photograph of {shown} after {before} is still {100 * late:.0f} % that of {before}, those after "
+            f"it are not; the limit is {100 * _MOST_LEFT:g} %: photographs show the picture before the one that was "
+            "on. Raise projector.latency_s (`rig check` measures it, and --apply writes it into the profile); switch "
+            "off what lays frames over each other, the camera's noise reduction and the projector's smooth motion"
         )

@@ -91,6 +91,9 @@ WORDS: Mapping[str, str] = {
         "A camera that sharpens its pictures, or a dirty lens, adds or takes light beside edges; none reach the middle."
     ),
     "separation: pictures of checks left out": "A few that the others contradict: somebody was in the light.",
+    "photographs: light of the picture before": (
+        "What is still there of white when black is photographed after it: 0 where photographs begin late enough."
+    ),
     "lamp: drift of white": "How much of a change of projector white may be left in the light, or how fast it is.",
     "standing still: displacement of white between two photographs": (
         "By how far a photograph of white has to be moved to lie on an earlier one: 0 while nothing moves."

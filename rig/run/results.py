@@ -10,7 +10,7 @@ from rig.run.expectations import expected_figures
 from rig.run.lamp import drift_left_percent, lamp_change
 from rig.run.steps import VERBS, Verb
 from rig.run.stillness import stillness_verdicts
-from rig.run.verdicts import checks_verdicts, room_light_verdicts, verdicts
+from rig.run.verdicts import checks_verdicts, lateness_verdicts, room_light_verdicts, verdicts
 from rig.session import Session
 from rig.stages.comparison import load_comparison
 from rig.stages.compensation import load_compensation
@@ -69,6 +69,7 @@ def session_result(session: Session, truth: TruthErrors | None) -> SessionResult
     limits = (
         *verdicts(geometry, model, comparison, session.profile),
         *room_light_verdicts(load_exposure(session)),
+        *lateness_verdicts(load_exposure(session)),
         *checks_verdicts(load_separation_record(session)),
         _lamp_verdict(session),
         *stillness_verdicts(session),
@@ -238,9 +239,11 @@ def _lamp_verdict(session: Session) -> Verdict:
 
     Where nobody took it out, how fast white changed.
     """
-    change = lamp_change(session)
-    swells = any(not one.met for one in room_light_verdicts(load_exposure(session)))
-    flicker = "room light that swells changes white, too (see above). If it is the lamp: " if swells else ""
+    change, exposure = lamp_change(session), load_exposure(session)
+    swells = any(not one.met for one in room_light_verdicts(exposure))
+    late = any(not one.met for one in lateness_verdicts(exposure))
+    other = "room light that swells" if swells else "photographs that begin too early"
+    others = f"{other} change{'s' if swells else ''} white, too (see above). If it is the lamp: "
     left = drift_left_percent(session)
     rate = abs(change.percent_per_minute)
     cause = (
@@ -248,7 +251,8 @@ def _lamp_verdict(session: Session) -> Verdict:
         "which no lamp does: light in the room was switched or let in, or somebody or something stood in the light or "
         "moved; keep the room as it is, and begin a new session"
         if change.is_uneven and not swells
-        else f"{flicker}let the projector warm up, eco mode and dynamic iris off; daylight drifts, too"
+        else f"{others if swells or late else ''}let the projector warm up, eco mode and dynamic iris off; daylight "
+        "drifts, too"
     )
     return Verdict(
         what="lamp: drift of white",

@@ -35,6 +35,8 @@ _UNEXPLAINED_GLOBAL = 0.12
 """Of 20 random rooms, those at 0.07 and below had reflectances within 0.04, those at 0.17 and above 0.12 to 0.3 off."""
 _SWELL_PERCENT = 0.4
 """Of white, from darkest to brightest: one grey level of 255."""
+_LATE_PERCENT = 0.4
+"""Of the picture before, left in the first photograph of another: one grey level of 255."""
 _LEAST_SIDE = 6.0
 """Standard deviations of blur in a check. Below, direct and global light are up to 1.7 and 4.1 % off, with JPEG 2 and 6
 (`calibration.light.check_size`)."""
@@ -170,6 +172,22 @@ def room_light_verdicts(exposure: CameraExposure) -> tuple[Verdict, ...]:
             "whole period of this light, would clip it: switch the room light off, or let less light into the camera "
             "(iris, grey filter) so that exposures hold whole periods; frames a third of its period apart, whose mean "
             "has none of it, need a frame rate that does not divide it",
+        ),
+    )
+
+
+def lateness_verdicts(exposure: CameraExposure) -> tuple[Verdict, ...]:
+    """Return what is judged of photographs that still have some of the picture before; nothing where nobody looked."""
+    if exposure.late_percent is None:
+        return ()
+    return (
+        Verdict(
+            what="photographs: light of the picture before",
+            value=exposure.late_percent,
+            limit=_LATE_PERCENT,
+            unit="% of white",
+            advice="photographs begin before the picture is wholly on: raise projector.latency_s (rig check measures "
+            "it); a display that glows on, smooth motion, and noise reduction in the camera do the same",
         ),
     )
 

@@ -27,7 +27,7 @@ from rig.records import JsonObject, Record, json_of
 from rig.session import Session, Step
 from rig.stages.light.exposure import load_exposure, reference_exposure_s
 from rig.stages.light.lamp import N_WHITES, lamp_around, take_between_whites, time_of, without_drift
-from rig.stages.light.levels import light_of_levels, refuse_disturbed_sweeps
+from rig.stages.light.levels import light_of_levels, refuse_disturbed_sweeps, refuse_late_white
 from rig.stages.linear_light import (
     BLACK_REPEATS,
     Float32Array,
@@ -253,6 +253,7 @@ def _fit_camera(
     levels, exposures = _sweep_samples(step, _SWEEPS, sweep, stride)
     above, top = levels - black.offset_dn, camera.full_scale_dn - black.offset_dn
     places = [len(range(0, n, stride)) for n in shape[:2]]
+    refuse_late_white(levels.mean(axis=1), dark.mean(axis=1))
     refuse_disturbed_sweeps(above.mean(axis=1).reshape(len(above), *places, -1).mean(axis=-1), exposures, top)
     room = LightBesides(dark=dark[-1].mean(axis=0) - black.offset_dn, in_step=black.in_step)
     response = fit_camera_response(above.mean(axis=1), exposures, top, room=room)

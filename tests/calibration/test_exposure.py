@@ -7,6 +7,7 @@ from calibration import CalibrationError
 from calibration.radiometry.exposure import (
     ExposureAim,
     brightest_share,
+    late_share,
     next_exposure,
     refuse_darkness,
     refuse_lateness,
@@ -72,9 +73,18 @@ def test_a_projector_whose_light_does_not_arrive_is_refused() -> None:
 def test_photographs_that_show_the_picture_before_are_refused_by_their_black() -> None:
     black = [np.full((20, 20, 1), 64 + swell, np.uint16) for swell in (3, 0, 1, 3)]
     white = np.full((20, 20, 1), 1064, np.uint16)
-    refuse_lateness(black, white)
-    with pytest.raises(CalibrationError, match=r"still has 50 % of white's light.*Raise projector\.latency_s"):
-        refuse_lateness([black[0] + 500, *black[1:]], white)
+    refuse_lateness(late_share(black, white), "black", "white")
+    late = late_share([black[0] + 500, *black[1:]], white)
+    assert late == pytest.approx(0.5, abs=0.01)
+    with pytest.raises(CalibrationError, match=r"black after white is still 50 % that of white.*Raise projector\.lat"):
+        refuse_lateness(late, "black", "white")
+
+
+def test_white_after_black_is_as_late_as_it_is_dark() -> None:
+    black = np.full((20, 20, 1), 64, np.uint16)
+    white = [black + light for light in (700, 1000, 1000, 1000)]
+    assert late_share(white, black) == pytest.approx(0.3)
+    assert late_share([black] * 4, black) == 0
 
 
 def test_a_straight_line_has_no_residual_and_a_known_slope() -> None:

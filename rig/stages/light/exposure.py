@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from calibration.radiometry.exposure import (
     ExposureAim,
     brightest_share,
+    late_share,
     next_exposure,
     refuse_darkness,
     refuse_lateness,
@@ -54,6 +55,9 @@ class CameraExposure(Record):
     swell_left_percent: float | None = None
     """Of the same, by how much means of three frames differ, each a third of a period after the one before. None where
     nothing swells, or whole periods fit, and in sessions of older versions."""
+    late_percent: float | None = None
+    """Of white's light: what the first frame of black after white still has, and those after it have not. None where
+    room light swells, which changes frames, too, and in sessions of older versions."""
 
     @property
     def averaged_hz(self) -> float | None:
@@ -97,7 +101,8 @@ def find_exposure(rig: Rig, session: Session, step: Step, on_step: OnStep) -> No
         earlier, exposure_s = (exposure_s, level), chosen_s
     on_step("photograph: exposure", _MAX_TRIES, _MAX_TRIES)
     dark, bright = _dark_frames(rig, session, step, exposure_s), step.load_frame(frame_name("white", attempt))
-    refuse_lateness([frame.pixels for frame in dark], bright.pixels)
+    late = late_share([frame.pixels for frame in dark], bright.pixels)
+    refuse_lateness(late, "black", "white")
     refuse_darkness(bright.pixels, dark[-1].pixels, full_scale_dn=full_scale, exposure_s=exposure_s)
     light_hz = room_light_hz([frame.pixels for frame in dark], _middles_s(dark), full_scale)
     blind_s = None if light_hz is None else whole_periods(exposure_s, light_hz, rig.profile.camera.exposure_range_s)
@@ -112,6 +117,7 @@ def find_exposure(rig: Rig, session: Session, step: Step, on_step: OnStep) -> No
         room_light_hz=light_hz,
         swell_percent=swell,
         swell_left_percent=left,
+        late_percent=None if light_hz is not None else max(100 * late, 0.0),
     )
     step.save_record("exposure", ExposureRecord(cameras={rig.profile.camera.name: found}))
 

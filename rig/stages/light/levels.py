@@ -9,6 +9,7 @@ import numpy as np
 from calibration.arrays import BoolArray, Float32Array, FloatArray
 from calibration.errors import CalibrationError
 from calibration.light.evenness import disturbed, part_shares, unevenness
+from calibration.radiometry.exposure import refuse_lateness
 from rig.stages.linear_light import LightImage
 
 _BRIGHT, _CLIPPED = 0.3, 0.97
@@ -19,6 +20,12 @@ _SOMEBODY = (
     "Somebody or something stood in the light or before the camera, or light in the room was switched or let in, while "
     "they were photographed: keep everything as it is, and begin a new session"
 )
+_LATE = (
+    "Pictures before it have such shares, as where photographs begin before a picture is wholly on: raise "
+    "projector.latency_s (`rig check` measures it)."
+)
+_ALIKE = 0.1
+"""Of a share of white: by so much two pictures differ that may be one."""
 
 
 def light_of_levels(
@@ -75,6 +82,30 @@ def refuse_disturbed_sweeps(levels: FloatArray, exposures_s: FloatArray, full_sc
             _refuse_disturbed_pair(share, float(unevenness(share[None])[0]), float(exposure_s))
 
 
+def refuse_late_white(levels: FloatArray, dark: FloatArray) -> None:
+    """Refuse two sweeps of exposures over projector white of which the first begins with a photograph of black.
+
+    A lamp that gets brighter, or pulses, changes other pairs as well.
+
+    Parameters
+    ----------
+    levels : (F, N)
+        Mean digital numbers of places; frame 2k and 2k + 1 have the same exposure, frame 0 is the first of all.
+    dark : (F / 2, N)
+        The same of projector black.
+
+    Raises
+    ------
+    CalibrationError
+        With how much of black it is, and what to do.
+    """
+    there, back, black = (each.mean(axis=1) for each in (levels[::2], levels[1::2], dark))
+    shares = (back - there) / np.where(back > black, back - black, np.inf)
+    # Of an even drift the pair that lies furthest apart has most: as much more than the next as that has than its next.
+    usual = np.append(np.abs(shares[1:]), 2 * shares[1] - shares[2] if len(shares) > 2 else 0.0).max()
+    refuse_lateness(float(shares[0] - usual), "white", "black")
+
+
 def _without_bands(light: FloatArray | Float32Array, white: FloatArray | Float32Array, lit: BoolArray) -> Float32Array:
     """The light, had each row as large a share of white as most: a rolling shutter sees a projector pulse in bands."""
     level, usual = light.astype(np.float64), float(np.median(light[lit] / white[lit]))
@@ -103,11 +134,20 @@ def _refuse_disturbed(names: tuple[str, ...], shares: FloatArray) -> None:
     worst = odd[np.argmax(np.abs(uneven[odd]))]
     middle = float(np.median(shares[worst]))
     there = _furthest(shares[worst], uneven[worst])
+    late = f"{_LATE} If it is long enough: " if _looks_late(shares[: worst + 1], there) else ""
     raise CalibrationError(
         f"projector response: {len(odd)} of {len(names)} pictures of one level are not as bright a share of white "
         f"everywhere ({', '.join(names[k] for k in odd)}): part of {names[worst]} has {100 * there:.1f} % of white's "
         f"light where the whole picture has {100 * middle:.1f} %, {abs(uneven[worst]):.1f} times what is allowed. "
-        f"{_SOMEBODY}"
+        f"{late}{_SOMEBODY}"
+    )
+
+
+def _looks_late(shares: FloatArray, there: float) -> bool:
+    """Whether the last of some pictures in their order is one of the two before it, or its odd part is on the way."""
+    *before, middle = np.median(shares[-3:], axis=1).tolist()
+    return any(
+        abs(middle - share) < _ALIKE * share or min(middle, share) < there < max(middle, share) for share in before
     )
 
 

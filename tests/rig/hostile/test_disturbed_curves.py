@@ -1,10 +1,13 @@
 """Frames of white that a camera's curve is found from, and somebody or something that changes a few of them."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 
 from calibration.errors import CalibrationError
-from rig.stages.light.levels import refuse_disturbed_sweeps
+from rig.stages.light.levels import light_of_levels, refuse_disturbed_sweeps, refuse_late_white
+from rig.stages.linear_light import LightImage
 
 SHAPE = (60, 80)
 EXPOSURES_S = np.repeat([0.001, 0.004, 0.016], 2)
@@ -49,5 +52,47 @@ def test_a_lamp_that_drifts_is_no_disturbance() -> None:
     refuse_disturbed_sweeps(levels, EXPOSURES_S, FULL_DN)
 
 
+def in_places(levels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(F, N) levels with the camera's black, and what that is while the projector is black."""
+    return 64 + levels.reshape(len(levels), -1), np.full((len(levels) // 2, levels[0].size), 64.0)
+
+
+def test_a_first_photograph_of_white_that_still_shows_black_is_refused_with_latency() -> None:
+    levels = sweeps()
+    levels[0] *= 0.7
+    with pytest.raises(CalibrationError, match=r"white after black is still 30 % that of black.*Raise projector\.lat"):
+        refuse_late_white(*in_places(levels))
+
+
+def test_a_lamp_that_warms_up_or_pulses_is_not_late() -> None:
+    warming, pulsing = sweeps(), sweeps()
+    warming *= np.linspace(0.85, 1, 6)[[0, 5, 1, 4, 2, 3], None, None]
+    pulsing[[0, 3]] *= 0.8
+    for levels in (warming, pulsing, np.zeros_like(warming)):
+        refuse_late_white(*in_places(levels))
+
+
 def test_frames_without_any_light_are_left_to_others() -> None:
     refuse_disturbed_sweeps(np.zeros((6, *SHAPE)), EXPOSURES_S, FULL_DN)
+
+
+LEVELS = {"level-064": 0.05, "level-191": 0.5, "level-128": 0.2, "level-032": 0.01}
+
+
+def photographed(share: float) -> LightImage:
+    """Walls that have a share of white's light."""
+    light = np.full((*SHAPE, 1), share, np.float32)
+    return LightImage(light, np.full_like(light, 1e-6), np.zeros(light.shape, bool))
+
+
+@pytest.mark.parametrize(("odd", "is_late"), [(0.4, True), (0.05, False)])
+def test_a_part_of_a_picture_that_the_one_before_explains_is_called_late_before_anybody_is_blamed(
+    odd: float, is_late: bool
+) -> None:
+    pictures = {name: photographed(share) for name, share in LEVELS.items()}
+    pictures["level-128"].value[40:, :30] = odd
+    loads = {name: partial(lambda picture: picture, picture) for name, picture in pictures.items()}
+    with pytest.raises(CalibrationError, match=r"1 of 4 pictures .*\(level-128\)") as refused:
+        light_of_levels(loads, photographed(1.0), np.ones(SHAPE, bool))
+    assert ("raise projector.latency_s" in str(refused.value)) == is_late
+    assert "Somebody or something stood in the light" in str(refused.value)

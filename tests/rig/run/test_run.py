@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -34,6 +35,17 @@ def test_a_camera_that_is_later_than_its_profile_says_is_refused_with_that_cause
     late.write_text(text.replace("stale_frame_rate = 0.02", f"pipeline_frames = {frames}"), "utf-8")
     with open_rig(load_profile(late)) as rig, Session.open(tmp_path / "session", rig.profile) as session:
         with pytest.raises(CalibrationFailed, match=r"the picture before.*Raise projector\.latency_s \(`rig check`"):
+            verbs.calibrate(rig, session)
+
+
+def test_frames_lost_before_black_do_not_hide_that_a_camera_is_late(tmp_path: Path) -> None:
+    """With this seed those are lost that show white for black, but not those that show black for white."""
+    text = Path("hw_profiles/ci-tiny.toml").read_text("utf-8").replace("cell_size_m = 0.2", "cell_size_m = 0.6")
+    text = re.sub(r"(?m)^seed = \d+", "seed = 6", text)
+    late = tmp_path / "late.toml"
+    late.write_text(text.replace("stale_frame_rate = 0.02", "pipeline_frames = 1\ndropped_frame_rate = 0.3"), "utf-8")
+    with open_rig(load_profile(late)) as rig, Session.open(tmp_path / "session", rig.profile) as session:
+        with pytest.raises(CalibrationFailed, match=r"white after black is still 100 % that of black.*Raise projector"):
             verbs.calibrate(rig, session)
 
 

@@ -10,7 +10,7 @@ import pytest
 
 from rig.profile.schema import Profile
 from rig.records import Verdict
-from rig.run.verdicts import checks_verdicts, geometry_verdicts, room_light_verdicts, verdicts
+from rig.run.verdicts import checks_verdicts, geometry_verdicts, lateness_verdicts, room_light_verdicts, verdicts
 from rig.stages.light.exposure import CameraExposure
 from rig.stages.light.unseen_walls import PlacedByLight
 from rig.stages.results import GeometryResult, ModelComparison, ModelErrors, ModelResult
@@ -213,6 +213,14 @@ def test_room_light_that_averaging_does_not_lessen_is_judged_as_it_is() -> None:
 
 def test_room_light_of_which_exposures_hold_whole_periods_is_no_matter() -> None:
     assert room_light_verdicts(exposed(0.0)) == ()
+
+
+@pytest.mark.parametrize(("late_percent", "met"), [(0.05, True), (2.9, False)])
+def test_light_of_the_picture_before_is_judged_with_its_remedy(late_percent: float, met: bool) -> None:
+    (found,) = lateness_verdicts(replace(exposed(0.0), late_percent=late_percent))
+    assert (found.value, found.met) == (late_percent, met)
+    assert "projector.latency_s" in found.advice
+    assert lateness_verdicts(exposed(5.4)) == ()
 
 
 def separated(checker_size_px: int, checks_blur_px: float | None) -> SeparationRecord:
