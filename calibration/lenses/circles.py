@@ -86,7 +86,7 @@ def why_other_circles(shown: NDArray[np.uint8], board: Board, found: FloatArray)
         return ""
     return (
         f"shows {len(spots)} circles of one size, a board of {board.words} has {expected}: correct [board] columns and "
-        "rows, or show all of the board"
+        "rows, or show all of the board, with light on all of it"
     )
 
 

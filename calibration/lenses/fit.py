@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -35,7 +36,8 @@ _OUTLIER = 4.5
 _LEAST_OUTLIER_PX = 0.05
 """Below, a residual is no mistake, however small the others are."""
 _BAD_VIEW = 5.0
-"""RMS of a view over the median of all: further views fit none of the lenses (the camera moved, its zoom changed)."""
+"""Median residual of a view over that of all: further views fit none of the lenses (the camera moved, or zoomed). One
+misread corner, as at the rim of a projector's light, would spoil a mean, and the whole view with it."""
 _MEDIAN_LENGTH = 1.1774
 """Median length of a two-dimensional normal deviate of standard deviation 1."""
 _LEAST_NOISE_PX = 1e-3
@@ -183,10 +185,13 @@ def _leaning_back(sightings: BoardSightings, state: RigState) -> RigState:
 
 
 def _view_miss(sightings: BoardSightings, state: RigState) -> FloatArray:
-    """(V,) median length of a view's residuals, in units of the noise."""
-    length, there = _lengths(sightings, state)[:, 0], weights_of(sightings)[:, 0] > 0
-    rows = [r for _, r in row_slices(sightings.view, sightings.views)]
-    return np.array([np.median(length[r][there[r]]) if there[r].any() else np.nan for r in rows])
+    """(V,) median length of the camera's residuals in a view, in units of the noise."""
+    return _view_medians(_lengths(sightings, state), weights_of(sightings) > 0, sightings)[:, 0]
+
+
+def _view_medians(length: FloatArray, there: BoolArray, sightings: BoardSightings) -> FloatArray:
+    """(V, devices) median residual length in each view; NaN where there is none."""
+    return _view_figures(np.median, length, there, sightings)
 
 
 def robust_scales(sightings: BoardSightings) -> FloatArray:
@@ -228,22 +233,28 @@ def _belonging(sightings: BoardSightings, state: RigState, noise_px: FloatArray)
     length = _lengths(sightings, state)
     there = weights_of(sightings) > 0
     kept = there & (length < np.maximum(_OUTLIER * noise_px, _LEAST_OUTLIER_PX))
-    rms = view_rms(length, there, sightings)
-    typical = np.nanmedian(rms, axis=0)
-    bad = (rms > np.maximum(_BAD_VIEW * typical, _LEAST_OUTLIER_PX)).any(axis=1)
+    miss = _view_medians(length, there, sightings)
+    bad = (miss > np.maximum(_BAD_VIEW * np.nanmedian(miss, axis=0), _LEAST_OUTLIER_PX)).any(axis=1)
     bad |= _share_kept(kept[:, 0], there[:, 0], sightings) < 0.5
     return np.asarray(kept & ~bad[sightings.view][:, None])
 
 
 def view_rms(length: FloatArray, there: BoolArray, sightings: BoardSightings) -> FloatArray:
     """(V, devices) root mean square of residual lengths in each view; NaN where there is none."""
-    rms = np.full((sightings.views, length.shape[1]), np.nan)
+    return np.asarray(np.sqrt(_view_figures(np.mean, length**2, there, sightings)))
+
+
+def _view_figures(
+    figure: Callable[[FloatArray], float | np.floating], values: FloatArray, there: BoolArray, sightings: BoardSightings
+) -> FloatArray:
+    """(V, devices) figure of the values of a view's rows; NaN where there is none."""
+    found = np.full((sightings.views, values.shape[1]), np.nan)
     for k, rows in row_slices(sightings.view, sightings.views):
-        for device in range(length.shape[1]):
-            values = length[rows, device][there[rows, device]]
-            if len(values):
-                rms[k, device] = np.sqrt((values**2).mean())
-    return rms
+        for device in range(values.shape[1]):
+            own = values[rows, device][there[rows, device]]
+            if len(own):
+                found[k, device] = figure(own)
+    return found
 
 
 def _share_kept(kept: BoolArray, there: BoolArray, sightings: BoardSightings) -> FloatArray:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from calibration.lenses.bundle import CAMERA, PROJECTOR
 from calibration.lenses.calibrate import LensFit
 from calibration.lenses.records import LensCalibration
 from calibration.lenses.refusals.undetermined import tilt_spread_deg
@@ -22,6 +23,9 @@ _SCATTER = 2.0
 """Between views over corner noise: beyond, the lens model or the board is not what it is taken for."""
 _BRIGHTNESS = 4.0
 """Brightest over darkest view: tilt and distance of a board explain less."""
+_STRETCHED, _SURE = 0.02, 5.0
+"""Share by which pixels are wider than high, or higher than wide, and standard deviations: sensors and displays have
+square ones to a thousandth, but for those that are named."""
 
 
 def judged(devices: tuple[DeviceLens, ...], fit: LensFit) -> tuple[Verdict, ...]:
@@ -83,6 +87,7 @@ def warnings_of(
 ) -> tuple[str, ...]:
     """Return what was left out or looks wrong, a line each."""
     lines = [f"{view.name}: {view.note}" for view in summaries if view.note]
+    lines += _stretched(calibration)
     bright = {view.name: view.bright_dn for view in views if not view.problem and np.isfinite(view.bright_dn)}
     if len(bright) > 1:
         darkest, brightest = min(bright, key=bright.__getitem__), max(bright, key=bright.__getitem__)
@@ -98,3 +103,19 @@ def warnings_of(
             "the focal length is known better"
         )
     return tuple(lines)
+
+
+def _stretched(calibration: LensCalibration) -> list[str]:
+    """Return a line for each device whose pixels are not square."""
+    sigmas, lines = calibration.sigmas(), []
+    for name, lens, part in (("camera", calibration.camera, CAMERA), ("projector", calibration.projector, PROJECTOR)):
+        if lens is None:
+            continue
+        across, down = lens.focal_px
+        sigma = float(np.hypot(*(sigmas[part][:2] / (across, down))))
+        if abs(down / across - 1) > max(_STRETCHED, _SURE * sigma):
+            lines.append(
+                f"the {name}'s pixels come out {down / across:.3f} times as wide as high: were its pictures stretched, "
+                "or are width_px, height_px or code_step_px those of another mode? If its pixels are so, all is well"
+            )
+    return lines

@@ -167,7 +167,7 @@ def frames_of(view: ViewTable, projector: ProjectorTable | None, folder: Path) -
     Raises
     ------
     ProfileError
-        A sequence has another length than the code.
+        A sequence has another length than the code, or there are photographs of a larger projector's.
     """
     if projector is None:
         return {}
@@ -176,8 +176,21 @@ def frames_of(view: ViewTable, projector: ProjectorTable | None, folder: Path) -
         return {name: folder / file for name, file in _in_sequence(view, shape).items()}
     if view.files is not None:
         names = (*CODES[view.code].pattern_names(shape), "white", "black")
+        _refuse_others(view, shape, folder)
         return {name: folder / view.files.replace("{pattern}", name) for name in names}
     return {name: folder / file for name, file in view.frames.items()}
+
+
+def _refuse_others(view: ViewTable, shape: tuple[int, int], folder: Path) -> None:
+    """Refuse photographs of stripes that only a projector of up to twice as many steps shows."""
+    needed = set(CODES[view.code].pattern_names(shape))
+    for name in CODES[view.code].pattern_names((2 * shape[0], 2 * shape[1])):
+        file = (view.files or "").replace("{pattern}", name)
+        if name not in needed and (folder / file).is_file():
+            raise ProfileError(
+                f"view.{view.name}.files: {file} is there, and a projector of {shape[1]} × {shape[0]} steps shows no "
+                f"{name}: correct projector.width_px, height_px or code_step_px, or take that photograph away"
+            )
 
 
 def _in_sequence(view: ViewTable, shape: tuple[int, int]) -> dict[str, str]:

@@ -15,22 +15,18 @@ from calibration.lenses.projector_corners import projector_corners
 from calibration.lenses.records import BoardSightings
 from calibration.lenses.refusals.lit_views import handedness
 from calibration.structured_light.code import CODES
-from calibration.structured_light.consistency.still import movements
 from calibration.structured_light.correspondence import Correspondence
 from calibration.structured_light.decode import decode_gray
 from rig.devices.replay.photographs import Photograph, grey, read_photograph
 from rig.errors import DeviceLost, ProfileError
 from rig.lenses.corner_lists import CornerList, read_corner_lists
 from rig.lenses.manifest import LensManifest, ProjectorTable, ViewTable, frames_of, pattern_shape
+from rig.lenses.view_faults import fault_of_photographs
 from rig.terminal import OnStep
 
 FloatArray = NDArray[np.float64]
 _BIT_LIMIT = 4.5 / 255
 """Share of full scale by which a pattern and its inverse have to differ: above the noise of a good JPEG."""
-_SUM_CHANGE = 0.1
-"""Of the light of a pattern and its inverse together, from pair to pair: more is an exposure that changed."""
-_FINE_BITS = 3
-"""Of a Gray code: a camera's tone curve makes blurred fine stripes brighter than coarse ones, by up to a half."""
 _LEAST_PROJECTOR = 6
 """Corners of a view whose projector pixel was read."""
 
@@ -245,7 +241,8 @@ def _with_projector(
         decoded = _decoded(view, pictures, manifest.projector, manifest.camera.full_scale_dn)
     except CalibrationError as error:
         return replace(seen, problem=str(error))
-    problem = _moved(pictures) or _changed_light(pictures, found)
+    limit_dn = _BIT_LIMIT * manifest.camera.full_scale_dn
+    problem = fault_of_photographs(pictures, found, limit_dn=limit_dn, code=view.code)
     read = projector_corners(decoded, found.xy_px, found.square_px)
     if not problem and read.there.sum() < _LEAST_PROJECTOR:
         problem = (
@@ -282,49 +279,6 @@ def _decoded(
             code="gray" if name == "gray" else "long-run",
         )
     return CODES[view.code].decode(coded, shape, white=white, black=black, noise_limit=limit)
-
-
-def _moved(pictures: dict[str, Photograph]) -> str:
-    """Between which photographs of a view the camera, or the board, moved."""
-    names = [name for name in pictures if f"{name}-inverse" in pictures]
-    # The widest stripes first: their pairs add up to the board whatever the blur.
-    names.sort(key=lambda name: [part if not part.isdigit() else f"{99 - int(part):02d}" for part in name.split("-")])
-    found = movements([(pictures[name], pictures[f"{name}-inverse"]) for name in names])
-    if not found:
-        return ""
-    worst = max(found, key=lambda movement: movement.step_px)
-    taken = [name for one in names for name in (one, f"{one}-inverse")]
-    return (
-        f"the picture moves by {worst.step_px:.0f} px between {taken[worst.before]} and {taken[worst.after]}: board or "
-        "camera was touched; photograph this pose again with both standing firm"
-    )
-
-
-def _changed_light(pictures: dict[str, Photograph], found: Detection) -> str:
-    """Which pair of a pattern and its inverse has another amount of light than the others."""
-    fine = tuple(f"gray-{axis}-{bit:02d}" for axis in ("column", "row") for bit in range(_FINE_BITS))
-    pairs = [name for name in pictures if f"{name}-inverse" in pictures and name not in fine]
-    if len(pairs) < 3:
-        return ""
-    left, top = np.maximum(np.floor(found.xy_px.min(axis=0)), 0).astype(int)
-    right, bottom = np.ceil(found.xy_px.max(axis=0)).astype(int) + 1
-    window = np.s_[top:bottom, left:right]
-    sums = {
-        name: float(
-            pictures[name][window].mean(dtype=np.float64) + pictures[f"{name}-inverse"][window].mean(dtype=np.float64)
-        )
-        for name in pairs
-    }
-    usual = float(np.median(list(sums.values())))
-    worst = max(sums, key=lambda name: abs(sums[name] - usual))
-    change = sums[worst] / max(usual, 1e-9) - 1
-    if abs(change) <= _SUM_CHANGE:
-        return ""
-    return (
-        f"the light of {worst} and its inverse is {100 * change:+.0f} % off the other pairs', the limit is "
-        f"{100 * _SUM_CHANGE:.0f} %: switch the camera's automatics off (exposure, gain, white balance), and the "
-        "projector's dynamic contrast"
-    )
 
 
 def joined(views: tuple[SeenView, ...], board: Board) -> BoardSightings:

@@ -125,6 +125,17 @@ def test_a_bump_of_a_view_is_left_out_and_does_no_harm() -> None:
     assert abs(fit.calibration.state.camera[0] - state.camera[0]) < 4 * fit.calibration.sigmas()[0]
 
 
+def test_one_misread_corner_costs_no_view() -> None:
+    """At the rim of a projector's light an edge is taken for a corner's."""
+    seen = sightings(truth(6))
+    misread = np.flatnonzero(seen.view == 2)[7]
+    xy = seen.camera_xy_px.copy()
+    xy[misread] += [6.0, -3.0]
+    used = calibrate_lenses(replace(seen, camera_xy_px=xy), PAIR).calibration.used
+    assert not used[misread, 0]
+    assert used[seen.view == 2].mean() > 0.95
+
+
 def test_boards_of_one_tilt_are_refused_with_that_cause() -> None:
     state = truth(6, seed=5)
     turn = np.broadcast_to(rotation(0.01, 0.02, 0.0), (6, 3, 3)).copy()

@@ -149,3 +149,28 @@ def test_a_pose_that_stood_still_is_not_called_moved(
     said = capsys.readouterr().err
     assert "1 of 1 views can be used" in said
     assert "moves" not in said
+
+
+def test_exchanged_photographs_of_a_pose_are_named(
+    tmp_path: Path, place: Stand, capsys: pytest.CaptureFixture[str]
+) -> None:
+    manifest = lit_pose(tmp_path, place, lambda _, picture: picture)
+    one, other = tmp_path / "gray-column-03.png", tmp_path / "gray-row-02-inverse.png"
+    spare = one.rename(tmp_path / "spare.png")
+    other.rename(one)
+    spare.rename(other)
+    assert run_command(["lenses", str(manifest), "-o", str(tmp_path / "out.toml")]) != 0
+    said = " ".join(capsys.readouterr().err.split())
+    assert "not what they are called" in said
+    assert "gray-row-02-inverse shows gray-column-03" in said
+
+
+def test_photographs_of_more_stripes_than_the_projector_has_are_named(
+    tmp_path: Path, place: Stand, capsys: pytest.CaptureFixture[str]
+) -> None:
+    manifest = lit_pose(tmp_path, place, lambda _, picture: picture)
+    manifest.write_text(manifest.read_text().replace("code_step_px = 8", "code_step_px = 16"))
+    assert run_command(["lenses", str(manifest), "-o", str(tmp_path / "out.toml")]) != 0
+    said = " ".join(capsys.readouterr().err.split())
+    assert "gray-column-05.png is there, and a projector of 32 × 24 steps shows no gray-column-05" in said
+    assert "code_step_px" in said

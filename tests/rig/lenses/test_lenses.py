@@ -170,6 +170,13 @@ def test_a_view_that_fits_none_is_named(tmp_path: Path, six_views: BoardSighting
     assert not result.within_limits
 
 
+def test_stretched_pictures_are_told_by_pixels_that_are_not_square(tmp_path: Path, six_views: BoardSightings) -> None:
+    stretched = replace(six_views, camera_xy_px=six_views.camera_xy_px * [0.9, 1.0])
+    result = run_lenses(write_lists(tmp_path, stretched), tmp_path / "out.toml")
+    assert any("the camera's pixels come out 1.11" in line and "stretched" in line for line in result.warnings)
+    assert not any("the projector's pixels" in line for line in result.warnings)
+
+
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [
