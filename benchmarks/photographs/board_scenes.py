@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import cv2
 import numpy as np
@@ -103,16 +103,17 @@ def drawn_state(random: np.random.Generator, board: Board, sizes: tuple[tuple[in
     # So far off that what it lights is about twice as wide as the board.
     far_m = random.uniform(1.5, 2.2) * width_m * projector[0] / projector_size[0]
     place = far_m * np.array([*middle, 1.0]) - turn @ np.array([0.0, 0.0, away_m])
-    rotations, translations = _poses(random, board, (camera, camera_size), away_m=away_m, count=views)
-    return RigState(
+    rig = RigState(
         camera=camera,
         projector=projector,
         projector_rotation=turn,
         projector_translation_m=place,
         flex_m=np.zeros(2),
-        rotations=rotations,
-        translations_m=translations,
+        rotations=np.zeros((0, 3, 3)),
+        translations_m=np.zeros((0, 3)),
     )
+    rotations, translations = _poses(random, board, rig, sizes, away_m=away_m, count=views)
+    return replace(rig, rotations=rotations, translations_m=translations)
 
 
 def _lens(
@@ -124,11 +125,18 @@ def _lens(
 
 
 def _poses(
-    random: np.random.Generator, board: Board, lens: tuple[FloatArray, tuple[int, int]], *, away_m: float, count: int
+    random: np.random.Generator,
+    board: Board,
+    rig: RigState,
+    sizes: tuple[tuple[int, int], ...],
+    *,
+    away_m: float,
+    count: int,
 ) -> tuple[FloatArray, FloatArray]:
-    camera, size = lens
+    """Poses that the camera sees whole, and the projector lights: circles all of them, others seven of ten corners."""
     middle = (board.points_m.max(axis=0) + board.points_m.min(axis=0)) / 2
-    spread = 0.25 * away_m * size[0] / camera[0]
+    spread = 0.25 * away_m * sizes[0][0] / rig.camera[0]
+    least = 1.0 if board.kind == "circles" else 0.7
     rotations: list[FloatArray] = []
     translations: list[FloatArray] = []
     while len(rotations) < count:
@@ -136,11 +144,16 @@ def _poses(
         turn = rotation([*random.uniform(-0.6, 0.6, 2), random.uniform(-0.3, 0.3)])
         there = np.array([*random.uniform(-spread, spread, 2), away_m * random.uniform(0.95, 1.3)])
         shift = there - turn @ np.array([*middle, 0.0])
-        xy = project_points(camera, board.points_m @ turn[:, :2].T + shift)
-        if ((xy > 30) & (xy < np.array(size) - 31)).all():
+        points = board.points_m @ turn[:, :2].T + shift
+        lit = _inside(project_points(rig.projector, projector_points(points, rig)), sizes[1], margin_px=4)
+        if _inside(project_points(rig.camera, points), sizes[0], margin_px=30).all() and lit.mean() >= least:
             rotations.append(turn)
             translations.append(shift)
     return np.stack(rotations), np.stack(translations)
+
+
+def _inside(xy_px: FloatArray, size: tuple[int, int], margin_px: int) -> NDArray[np.bool_]:
+    return np.asarray(((xy_px > margin_px) & (xy_px < np.array(size) - 1 - margin_px)).all(axis=1))
 
 
 def printed(board: Board) -> tuple[Frame, tuple[float, float]]:

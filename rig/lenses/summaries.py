@@ -115,6 +115,6 @@ def _fits_none(own: FloatArray, rms: FloatArray) -> str:
     return (
         f"fits none of the lenses: its {('camera', 'projector')[device]}'s corners lie {own[device]:.2f} px from where "
         f"they should be, the other views' {usual[device]:.2f} px; the camera's zoom or focus was changed, something "
-        "moved while it was photographed, its photographs are in another order, or the board is another: photograph it "
-        "again, or leave it out"
+        "moved while it was photographed, its photographs are turned or in another order, or the board is another: "
+        "take it again, or leave it out"
     )

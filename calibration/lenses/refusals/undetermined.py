@@ -15,6 +15,8 @@ _FOCAL_LIMIT = 0.05
 """Of a focal length: one whose sigma is larger is no measurement; data sheets are as good."""
 _ONE_TILT_DEG = 8.0
 """Between the two most unlike normals of the boards: below, they are one tilt, and distance stands for focal length."""
+_CONTRADICTING = 2.0
+"""Scatter between views over what their corners' noise explains: beyond, no one lens and pose is behind them."""
 
 
 def refuse_undetermined(settled: Settled, confidence: Confidence, names: tuple[str, ...]) -> None:
@@ -44,11 +46,13 @@ def refuse_undetermined(settled: Settled, confidence: Confidence, names: tuple[s
         if not share <= _FOCAL_LIMIT:
             raise CalibrationError(
                 f"the {device}'s focal length is not determined: {abs(lens[0]):.0f} px with a standard deviation of "
-                f"{100 * min(share, 99):.3g} %, the limit is {100 * _FOCAL_LIMIT:g} %; {_cause(settled, names)}"
+                f"{100 * min(share, 99):.3g} %, the limit is {100 * _FOCAL_LIMIT:g} %; "
+                f"{_cause(settled, confidence, names)}"
             )
 
 
-def _cause(settled: Settled, names: tuple[str, ...]) -> str:
+def _cause(settled: Settled, confidence: Confidence, names: tuple[str, ...]) -> str:
+    scatter = float(np.sqrt(max(confidence.excess, 0.0)))
     spread = tilt_spread_deg(settled.state)
     views = len(settled.state.rotations)
     if spread < _ONE_TILT_DEG:
@@ -56,6 +60,12 @@ def _cause(settled: Settled, names: tuple[str, ...]) -> str:
             f"all {views} boards have one tilt (within {spread:.1f} degrees, at least {_ONE_TILT_DEG:g} are needed): "
             "a longer lens farther away would show the same. Tilt the board by 20 to 40 degrees, in turn to the left, "
             "right, up and down"
+        )
+    if scatter > _CONTRADICTING:
+        return (
+            f"the views contradict each other, {scatter:.1f} times as much as their corners' noise explains: camera "
+            "and projector were moved against each other between poses, zoom or focus was touched, or the board is not "
+            "as said; photograph all poses again with both standing firm"
         )
     frontal = int((tilts_deg(settled.state) < _ONE_TILT_DEG).sum())
     of_names = f" ({', '.join(names[:6])})" if names and len(names) == views else ""

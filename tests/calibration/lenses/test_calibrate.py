@@ -144,6 +144,19 @@ def test_boards_of_one_tilt_are_refused_with_that_cause() -> None:
         calibrate_lenses(seen, ALONE)
 
 
+def test_a_projector_that_was_moved_between_the_poses_is_named() -> None:
+    state, turn = truth(4), rotation(0, 0.03, 0)
+    moved_state = replace(
+        state,
+        projector_rotation=turn @ state.projector_rotation,
+        projector_translation_m=turn @ state.projector_translation_m,
+    )
+    before, after = sightings(state), sightings(moved_state)
+    lit = np.where(before.view[:, None] < 2, before.projector_xy_px, after.projector_xy_px)
+    with pytest.raises(CalibrationError, match=r"the views contradict each other.*were moved against each other"):
+        calibrate_lenses(replace(before, projector_xy_px=lit), PAIR)
+
+
 def test_two_views_are_refused() -> None:
     with pytest.raises(CalibrationError, match=r"2 views .* at least 3"):
         calibrate_lenses(sightings(truth(2)).camera_only(), ALONE)
