@@ -101,9 +101,9 @@ def find_exposure(rig: Rig, session: Session, step: Step, on_step: OnStep) -> No
         earlier, exposure_s = (exposure_s, level), chosen_s
     on_step("photograph: exposure", _MAX_TRIES, _MAX_TRIES)
     dark, bright = _dark_frames(rig, session, step, exposure_s), step.load_frame(frame_name("white", attempt))
+    refuse_darkness(bright.pixels, dark[-1].pixels, full_scale_dn=full_scale, exposure_s=exposure_s)
     late = late_share([frame.pixels for frame in dark], bright.pixels)
     refuse_lateness(late, "black", "white")
-    refuse_darkness(bright.pixels, dark[-1].pixels, full_scale_dn=full_scale, exposure_s=exposure_s)
     light_hz = room_light_hz([frame.pixels for frame in dark], _middles_s(dark), full_scale)
     blind_s = None if light_hz is None else whole_periods(exposure_s, light_hz, rig.profile.camera.exposure_range_s)
     swell, left = 0.0, None

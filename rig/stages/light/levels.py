@@ -24,6 +24,10 @@ _LATE = (
     "Pictures before it have such shares, as where photographs begin before a picture is wholly on: raise "
     "projector.latency_s (`rig check` measures it)."
 )
+_OF_PULSES = 3.0
+"""What a pulsing projector changes of the shortest exposure, over what it changes of longer ones: usually 2."""
+_SURE, _LEAST_DN = 4.0, 1e-6
+"""Standard deviations of a mean; of less light nothing is told."""
 _ALIKE = 0.1
 """Of a share of white: by so much two pictures differ that may be one."""
 
@@ -85,7 +89,7 @@ def refuse_disturbed_sweeps(levels: FloatArray, exposures_s: FloatArray, full_sc
 def refuse_late_white(levels: FloatArray, dark: FloatArray) -> None:
     """Refuse two sweeps of exposures over projector white of which the first begins with a photograph of black.
 
-    A lamp that gets brighter, or pulses, changes other pairs as well.
+    A lamp that gets brighter, or pulses, changes other pairs as well; of few levels noise makes any share.
 
     Parameters
     ----------
@@ -99,11 +103,13 @@ def refuse_late_white(levels: FloatArray, dark: FloatArray) -> None:
     CalibrationError
         With how much of black it is, and what to do.
     """
-    there, back, black = (each.mean(axis=1) for each in (levels[::2], levels[1::2], dark))
-    shares = (back - there) / np.where(back > black, back - black, np.inf)
+    there, back, black = levels[::2], levels[1::2], dark
+    light = (back - black).mean(axis=1)
+    shares = (back - there).mean(axis=1) / np.where(light > 0, light, np.inf)
     # Of an even drift the pair that lies furthest apart has most: as much more than the next as that has than its next.
     usual = np.append(np.abs(shares[1:]), 2 * shares[1] - shares[2] if len(shares) > 2 else 0.0).max()
-    refuse_lateness(float(shares[0] - usual), "white", "black")
+    noise = (back - there)[0].std() / np.sqrt(there.shape[1]) / max(float(light[0]), _LEAST_DN)
+    refuse_lateness(float(shares[0] - _OF_PULSES * usual - _SURE * noise), "white", "black")
 
 
 def _without_bands(light: FloatArray | Float32Array, white: FloatArray | Float32Array, lit: BoolArray) -> Float32Array:

@@ -67,9 +67,15 @@ def test_a_first_photograph_of_white_that_still_shows_black_is_refused_with_late
 def test_a_lamp_that_warms_up_or_pulses_is_not_late() -> None:
     warming, pulsing = sweeps(), sweeps()
     warming *= np.linspace(0.85, 1, 6)[[0, 5, 1, 4, 2, 3], None, None]
-    pulsing[[0, 3]] *= 0.8
+    pulsing *= np.array([0.7, 1.0, 1.0, 0.87, 0.97, 1.0])[:, None, None]
     for levels in (warming, pulsing, np.zeros_like(warming)):
         refuse_late_white(*in_places(levels))
+
+
+def test_noise_of_hardly_any_light_is_not_late() -> None:
+    for seed in range(20):
+        noise = np.random.default_rng(seed).normal(0, 4.0, (6, *SHAPE))
+        refuse_late_white(*in_places(1e-4 * sweeps(noise_dn=0.0) + noise))
 
 
 def test_frames_without_any_light_are_left_to_others() -> None:

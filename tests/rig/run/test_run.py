@@ -45,7 +45,7 @@ def test_frames_lost_before_black_do_not_hide_that_a_camera_is_late(tmp_path: Pa
     late = tmp_path / "late.toml"
     late.write_text(text.replace("stale_frame_rate = 0.02", "pipeline_frames = 1\ndropped_frame_rate = 0.3"), "utf-8")
     with open_rig(load_profile(late)) as rig, Session.open(tmp_path / "session", rig.profile) as session:
-        with pytest.raises(CalibrationFailed, match=r"white after black is still 100 % that of black.*Raise projector"):
+        with pytest.raises(CalibrationFailed, match=r"white after black is still 98 % that of black.*Raise projector"):
             verbs.calibrate(rig, session)
 
 
