@@ -12,10 +12,10 @@ import argparse
 import time
 from dataclasses import replace
 
-import cv2
 import numpy as np
 
 from calibration.errors import CalibrationError
+from calibration.geometry.pinhole import rotation_of
 from calibration.lenses.bundle import camera_points, projector_points
 from calibration.lenses.calibrate import LensFit, LensRequest, calibrate_lenses
 from calibration.lenses.halves import compare_halves, halves_of
@@ -25,10 +25,6 @@ from calibration.lenses.uncertainty import FAR_M, Anchor, pixel_grid, pixels_of,
 
 CAMERA_SIZE, PROJECTOR_SIZE = (1280, 1024), (1024, 768)
 COLUMNS, ROWS, SQUARE_M = 10, 7, 0.03
-
-
-def rotation(vector: list[float] | np.ndarray) -> np.ndarray:
-    return np.asarray(cv2.Rodrigues(np.asarray(vector, dtype=np.float64).reshape(3, 1))[0])
 
 
 def drawn_rig(rng: np.random.Generator, third: float = 0.0) -> RigState:
@@ -42,7 +38,7 @@ def drawn_rig(rng: np.random.Generator, third: float = 0.0) -> RigState:
         return np.array([focal, focal * (1 + 0.002 * rng.normal()), *place, *terms, 0, 0, 0])
 
     focal = rng.uniform(1000, 2200)
-    turn = rotation(rng.uniform(-0.25, 0.25, 3))
+    turn = rotation_of(rng.uniform(-0.25, 0.25, 3))
     shift = rng.uniform(0.0, 0.65)
     projector = lens(PROJECTOR_SIZE, rng.uniform(900, 1800), (0.5, 0.5 + shift), 0.05)
     depth = rng.uniform(0.8, 1.2) * focal / 1500
@@ -63,7 +59,7 @@ def with_views(rig: RigState, rng: np.random.Generator, count: int) -> tuple[Boa
     half, depth = places.max(axis=0) / 2, rig.camera[0] / 1500
     turns, shifts = [], []
     while len(turns) < count:
-        turn = rotation(np.array([*rng.uniform(-0.65, 0.65, 2), rng.uniform(-0.3, 0.3)]))
+        turn = rotation_of(np.array([*rng.uniform(-0.65, 0.65, 2), rng.uniform(-0.3, 0.3)]))
         middle = np.array([*(rng.uniform(-0.3, 0.3, 2) * depth * 1500 / rig.camera[0]), rng.uniform(0.6, 1.1) * depth])
         shift = middle - turn @ np.array([*half, 0.0])
         xy = project_points(rig.camera, places @ turn[:, :2].T + shift)

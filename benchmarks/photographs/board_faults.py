@@ -7,7 +7,9 @@ from dataclasses import replace
 
 import cv2
 import numpy as np
-from board_scenes import BoardSet, Frame, clean_set, photograph, rotation, stand
+from board_scenes import BoardSet, Frame, clean_set, photograph, photographed, stand
+
+from calibration.geometry.pinhole import rotation_of
 
 
 def _stripes(set_: BoardSet) -> list[str]:
@@ -104,7 +106,7 @@ def _board_touched(set_: BoardSet, random: np.random.Generator) -> None:
     """The board is turned by half a degree to three between columns and rows of one pose."""
     view = int(random.integers(len(set_.frames)))
     turns = set_.state.rotations.copy()
-    turns[view] = rotation(np.deg2rad(random.uniform(0.5, 3)) * np.eye(3)[int(random.integers(3))]) @ turns[view]
+    turns[view] = rotation_of(np.deg2rad(random.uniform(0.5, 3)) * np.eye(3)[int(random.integers(3))]) @ turns[view]
     place = stand(replace(set_.state, rotations=turns), view, set_.told_board, set_.look)
     for name in set_.shown:
         if not name.startswith("gray-column"):
@@ -173,15 +175,15 @@ def _shifted(set_: BoardSet, random: np.random.Generator) -> None:
 def _pair_moved(set_: BoardSet, random: np.random.Generator) -> None:
     """Camera or projector was moved between the poses."""
     first = int(random.integers(1, len(set_.frames)))
-    turn = rotation(np.deg2rad(random.uniform(0.3, 3)) * np.eye(3)[int(random.integers(3))])
+    turn = rotation_of(np.deg2rad(random.uniform(0.3, 3)) * np.eye(3)[int(random.integers(3))])
     moved = replace(
         set_.state,
         projector_rotation=turn @ set_.state.projector_rotation,
         projector_translation_m=turn @ set_.state.projector_translation_m,
     )
     for view in range(first, len(set_.frames)):
-        place = stand(moved, view, set_.told_board, set_.look)
-        set_.frames[view] = {name: photograph(place, shown, set_.look, random) for name, shown in set_.shown.items()}
+        set_.stands[view] = stand(moved, view, set_.told_board, set_.look)
+        set_.frames[view] = photographed(set_, view, random)
 
 
 def _mirrored(set_: BoardSet, _: np.random.Generator) -> None:
@@ -223,13 +225,13 @@ def _full_scale_wrong(set_: BoardSet, _: np.random.Generator) -> None:
 
 def _frontal(set_: BoardSet, random: np.random.Generator) -> None:
     """All boards face the camera: no tilt tells the focal length."""
-    turns = np.stack([rotation([0, 0, random.uniform(-0.3, 0.3)]) for _ in set_.frames])
+    turns = np.stack([rotation_of([0, 0, random.uniform(-0.3, 0.3)]) for _ in set_.frames])
     middle = np.array([*(set_.told_board.points_m.mean(axis=0)), 0.0])
     places = set_.state.translations_m + (set_.state.rotations - turns) @ middle
     set_.state = replace(set_.state, rotations=turns, translations_m=places)
     for view in range(len(set_.frames)):
-        place = stand(set_.state, view, set_.told_board, set_.look)
-        set_.frames[view] = {name: photograph(place, shown, set_.look, random) for name, shown in set_.shown.items()}
+        set_.stands[view] = stand(set_.state, view, set_.told_board, set_.look)
+        set_.frames[view] = photographed(set_, view, random)
 
 
 FAULTS: tuple[Callable[[BoardSet, np.random.Generator], None], ...] = (

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.geometry.pinhole import rotation_of
 from calibration.lenses.boards import Board
 from calibration.lenses.bundle import projector_points
 from calibration.lenses.lens import project_points
@@ -51,7 +52,7 @@ class BoardSet:
     shown: dict[str, Frame]
     told_full_scale_dn: int = 255
     fault: str = "none"
-    drawn: str = field(default="")
+    drawn: str = ""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -62,11 +63,6 @@ class Stand:
     """(h, w) reflectance of the board, what lies beside it 0.4."""
     pixel: NDArray[np.float32]
     """(h, w, 2) projector pixel."""
-
-
-def rotation(vector: object) -> FloatArray:
-    """(3, 3) of a Rodrigues vector."""
-    return np.asarray(cv2.Rodrigues(np.asarray(vector, dtype=np.float64).reshape(3, 1))[0])
 
 
 def drawn_board(random: np.random.Generator) -> Board:
@@ -91,7 +87,7 @@ def drawn_state(random: np.random.Generator, board: Board, sizes: tuple[tuple[in
     across_m = np.ptp(board.points_m, axis=0)
     width_m = float(max(across_m[0], across_m[1] * camera_size[0] / camera_size[1]))
     away_m = width_m * focal / camera_size[0] / random.uniform(0.45, 0.65)
-    turn = rotation(random.uniform(-0.25, 0.25, 3))
+    turn = rotation_of(random.uniform(-0.25, 0.25, 3))
     projector = _lens(
         random,
         projector_size,
@@ -141,7 +137,7 @@ def _poses(
     translations: list[FloatArray] = []
     while len(rotations) < count:
         spread *= 0.98
-        turn = rotation([*random.uniform(-0.6, 0.6, 2), random.uniform(-0.3, 0.3)])
+        turn = rotation_of([*random.uniform(-0.6, 0.6, 2), random.uniform(-0.3, 0.3)])
         there = np.array([*random.uniform(-spread, spread, 2), away_m * random.uniform(0.95, 1.3)])
         shift = there - turn @ np.array([*middle, 0.0])
         points = board.points_m @ turn[:, :2].T + shift
@@ -221,10 +217,9 @@ def codes(projector_size: tuple[int, int], step_px: int) -> dict[str, Frame]:
     return {name: np.kron(picture, np.ones((step_px, step_px), np.uint8)) for name, picture in shown.items()}
 
 
-def photographed(set_: BoardSet, view: int, random: np.random.Generator, look: Look | None = None) -> dict[str, Frame]:
+def photographed(set_: BoardSet, view: int, random: np.random.Generator) -> dict[str, Frame]:
     """All photographs of one pose."""
-    taken = look or set_.look
-    return {name: photograph(set_.stands[view], shown, taken, random) for name, shown in set_.shown.items()}
+    return {name: photograph(set_.stands[view], shown, set_.look, random) for name, shown in set_.shown.items()}
 
 
 def clean_set(random: np.random.Generator) -> BoardSet:

@@ -12,19 +12,14 @@ a warning.
 
 from __future__ import annotations
 
-import argparse
-import shutil
 import sys
-import tempfile
-import traceback
-from collections import Counter
 from pathlib import Path
 
 import cv2
 from board_faults import drawn
 from board_scenes import BoardSet
+from set_runs import is_odd, tried, try_all
 
-from rig.errors import RigError
 from rig.files.lens_file import LensFile, read_lens_file
 from rig.lenses.run import run_lenses
 
@@ -73,27 +68,16 @@ def worst(set_: BoardSet, found: LensFile) -> tuple[float, str]:
 def judged(seed: int, keep: Path | None) -> tuple[str, str]:
     """(how it ended, in words) of one set."""
     set_ = drawn(seed)
-    folder = Path(tempfile.mkdtemp()) if keep is None else keep / str(seed)
-    folder.mkdir(parents=True, exist_ok=True)
-    try:
-        how, said = _calibrated(set_, folder)
-    finally:
-        if keep is None:
-            shutil.rmtree(folder)
+    how, said = tried(seed, keep, lambda folder: _calibrated(set_, folder))
     if how == "wrong":
         how = "WRONG IN SILENCE"
     if set_.fault == "none" and how == "refused":
         how = "refused WITHOUT A FAULT"
-    return how, f"{seed}: {set_.fault}: {said.replace(str(folder), '')} [{set_.drawn}]"
+    return how, f"{seed}: {set_.fault}: {said} [{set_.drawn}]"
 
 
 def _calibrated(set_: BoardSet, folder: Path) -> tuple[str, str]:
-    try:
-        result = run_lenses(write(set_, folder), folder / "lens.toml")
-    except RigError as error:
-        return "refused", str(error)
-    except Exception:  # noqa: BLE001 - whatever is no refusal in words is what is looked for
-        return "CRASHED", " | ".join(traceback.format_exc().splitlines()[-7:])
+    result = run_lenses(write(set_, folder), folder / "lens.toml")
     sigmas, where = worst(set_, read_lens_file(folder / "lens.toml"))
     how = "wrong" if sigmas > SIGMAS else "right"
     unmet = [f"{row.what} {row.value}" for row in result.limits if not row.met and "share of" not in row.what]
@@ -104,20 +88,7 @@ def _calibrated(set_: BoardSet, folder: Path) -> tuple[str, str]:
 
 def main() -> int:
     """Calibrate drawn sets, and print what is not as it should be."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--sets", type=int, default=100)
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--all", action="store_true", help="print every set")
-    parser.add_argument("--keep", type=Path, help="keep photographs and manifests there")
-    wanted = parser.parse_args()
-    counts: Counter[str] = Counter()
-    for seed in range(wanted.seed, wanted.seed + wanted.sets):
-        how, said = judged(seed, wanted.keep)
-        counts[how] += 1
-        if wanted.all or how.upper() == how or "WITHOUT" in how:
-            print(f"{how}: {said}", flush=True)
-    print(*(f"{n} {how}" for how, n in counts.most_common()), sep="\n")
-    return int(any(how.upper() == how or "WITHOUT" in how for how in counts))
+    return int(any(is_odd(how) for how in try_all(__doc__, judged)))
 
 
 if __name__ == "__main__":

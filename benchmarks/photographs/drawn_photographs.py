@@ -14,21 +14,16 @@ set has to end; a set of any kind has to be right, refused in words, or end with
 
 from __future__ import annotations
 
-import argparse
-import shutil
 import sys
-import tempfile
-import traceback
-from collections import Counter
 from pathlib import Path
 
 import cv2
 import numpy as np
 from drawn_faults import NUMBERS, coded_of, drawn
 from drawn_scenes import DrawnSet, FloatArray, rays_of
+from set_runs import tried, try_all
 
 from calibration.geometry.pinhole import PinholeModel, project
-from rig.errors import RigError
 from rig.offline.scan import run_scan
 
 OFF = 0.01
@@ -105,28 +100,17 @@ def off_share(set_: DrawnSet, points_m: FloatArray, sigma: float) -> float:
 def judged(seed: int, keep: Path | None) -> tuple[str, str]:
     """(how it ended, in words) of one set."""
     set_ = drawn(seed)
-    folder = Path(tempfile.mkdtemp()) if keep is None else keep / str(seed)
-    folder.mkdir(parents=True, exist_ok=True)
-    try:
-        how, said = _scanned(set_, folder)
-    finally:
-        if keep is None:
-            shutil.rmtree(folder)
+    how, said = tried(seed, keep, lambda folder: _scanned(set_, folder))
     lone = len({name.split("-")[1] for name in set_.frames if name.startswith("gray-")}) < 2
     if how == "wrong":
         how = "wrong as nothing can tell" if lone and set_.fault in NUMBERS else "WRONG IN SILENCE"
     if set_.fault == "none" and how != "right":
         how = f"{how} WITHOUT A FAULT"
-    return how, f"{seed}: {set_.fault}: {said.replace(str(folder), '')} [{set_.drawn}]"
+    return how, f"{seed}: {set_.fault}: {said} [{set_.drawn}]"
 
 
 def _scanned(set_: DrawnSet, folder: Path) -> tuple[str, str]:
-    try:
-        found = run_scan(write(set_, folder), folder / "cloud.ply")
-    except RigError as error:
-        return "refused", str(error)
-    except Exception:  # noqa: BLE001 - whatever is no refusal in words is what is looked for
-        return "CRASHED", " | ".join(traceback.format_exc().splitlines()[-7:])
+    found = run_scan(write(set_, folder), folder / "cloud.ply")
     off = off_share(set_, _points(folder / "cloud.ply"), found.distance_sigma_percent / 100)
     how = "wrong" if off > OFF else "right"
     said = f"{found.points} points to {found.distance_sigma_percent:.2g} %, {100 * off:.1f} % off; "
@@ -135,19 +119,7 @@ def _scanned(set_: DrawnSet, folder: Path) -> tuple[str, str]:
 
 def main() -> int:
     """Scan drawn sets, and print what is not as it should be."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--sets", type=int, default=100)
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--all", action="store_true", help="print every set")
-    parser.add_argument("--keep", type=Path, help="keep photographs and manifests there")
-    wanted = parser.parse_args()
-    counts: Counter[str] = Counter()
-    for seed in range(wanted.seed, wanted.seed + wanted.sets):
-        how, said = judged(seed, wanted.keep)
-        counts[how] += 1
-        if wanted.all or how.upper() == how or "WITHOUT" in how:
-            print(f"{how}: {said}", flush=True)
-    print(*(f"{n} {how}" for how, n in counts.most_common()), sep="\n")
+    try_all(__doc__, judged)
     return 0
 
 

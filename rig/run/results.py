@@ -64,12 +64,13 @@ def partial_result(session: Session, verb: Verb, truth: TruthErrors | None) -> P
 def session_result(session: Session, truth: TruthErrors | None) -> SessionResult:
     """Return what is measured of a session whose steps are all done, and the verdict."""
     geometry, comparison = _geometry(session, is_separated=True), _comparison(session)
+    exposure = load_exposure(session)
     strategies, best = _strategies(session), load_compensation(session).best
     model = _model(session)
     limits = (
         *verdicts(geometry, model, comparison, session.profile),
-        *room_light_verdicts(load_exposure(session)),
-        *lateness_verdicts(load_exposure(session)),
+        *room_light_verdicts(exposure),
+        *lateness_verdicts(exposure),
         *checks_verdicts(load_separation_record(session)),
         _lamp_verdict(session),
         *stillness_verdicts(session),
@@ -242,8 +243,8 @@ def _lamp_verdict(session: Session) -> Verdict:
     change, exposure = lamp_change(session), load_exposure(session)
     swells = any(not one.met for one in room_light_verdicts(exposure))
     late = any(not one.met for one in lateness_verdicts(exposure))
-    other = "room light that swells" if swells else "photographs that begin too early"
-    others = f"{other} change{'s' if swells else ''} white, too (see above). If it is the lamp: "
+    other = "room light that swells changes" if swells else "photographs that begin too early change" if late else ""
+    others = f"{other} white, too (see above). If it is the lamp: " if other else ""
     left = drift_left_percent(session)
     rate = abs(change.percent_per_minute)
     cause = (
@@ -251,8 +252,7 @@ def _lamp_verdict(session: Session) -> Verdict:
         "which no lamp does: light in the room was switched or let in, or somebody or something stood in the light or "
         "moved; keep the room as it is, and begin a new session"
         if change.is_uneven and not swells
-        else f"{others if swells or late else ''}let the projector warm up, eco mode and dynamic iris off; daylight "
-        "drifts, too"
+        else f"{others}let the projector warm up, eco mode and dynamic iris off; daylight drifts, too"
     )
     return Verdict(
         what="lamp: drift of white",

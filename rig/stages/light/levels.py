@@ -26,8 +26,8 @@ _LATE = (
 )
 _OF_PULSES = 3.0
 """What a pulsing projector changes of the shortest exposure, over what it changes of longer ones: usually 2."""
-_SURE, _LEAST_DN = 4.0, 1e-6
-"""Standard deviations of a mean; of less light nothing is told."""
+_SURE = 4.0
+"""Standard deviations of a mean."""
 _ALIKE = 0.1
 """Of a share of white: by so much two pictures differ that may be one."""
 
@@ -103,12 +103,13 @@ def refuse_late_white(levels: FloatArray, dark: FloatArray) -> None:
     CalibrationError
         With how much of black it is, and what to do.
     """
-    there, back, black = levels[::2], levels[1::2], dark
-    light = (back - black).mean(axis=1)
-    shares = (back - there).mean(axis=1) / np.where(light > 0, light, np.inf)
+    there, back = levels[::2], levels[1::2]
+    light = (back - dark).mean(axis=1)
+    light = np.where(light > 0, light, np.inf)
+    shares = (back - there).mean(axis=1) / light
     # Of an even drift the pair that lies furthest apart has most: as much more than the next as that has than its next.
     usual = np.append(np.abs(shares[1:]), 2 * shares[1] - shares[2] if len(shares) > 2 else 0.0).max()
-    noise = (back - there)[0].std() / np.sqrt(there.shape[1]) / max(float(light[0]), _LEAST_DN)
+    noise = (back - there)[0].std() / np.sqrt(there.shape[1]) / light[0]
     refuse_lateness(float(shares[0] - _OF_PULSES * usual - _SURE * noise), "white", "black")
 
 
