@@ -37,7 +37,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from calibration.errors import CalibrationError
-    from calibration.geometry.epipolar import NominalIntrinsics
+    from calibration.geometry.known.nominal import NominalIntrinsics
     from calibration.geometry.known.scale import scale_from_baseline
     from calibration.geometry.pinhole import PinholeModel
     from calibration.geometry.room import RoomBox, room_from_stereo
@@ -64,7 +64,7 @@ _HOMES = {
     "CalibrationError": "errors",
     "Correspondence": "structured_light.correspondence",
     "LensRequest": "lenses.calibrate",
-    "NominalIntrinsics": "geometry.epipolar",
+    "NominalIntrinsics": "geometry.known.nominal",
     "Pattern": "structured_light.patterns",
     "PinholeModel": "geometry.pinhole",
     "PixelReason": "structured_light.correspondence",

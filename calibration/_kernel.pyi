@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from typing import Any
 
-from numpy import float32, float64, uint8, uint16
+from numpy import float32, float64, int64, uint8, uint16
 from numpy.typing import NDArray
 
 def instruction_set() -> str: ...
@@ -41,3 +41,48 @@ def undistort(
     real: NDArray[float64], terms: NDArray[float64], limit: float, rounds: int, ideal: NDArray[float64]
 ) -> None:
     """Invert Brown's distortion of points (N, 2), focal length 1: calibration/kernel/lens.hpp."""
+
+def take_images(points: NDArray[float64], optics: NDArray[float64], fold: float, pixels: NDArray[float64]) -> None:
+    """Pixels of points in a device's frame: calibration/kernel/landing.hpp."""
+
+def slope_bearings(
+    seen: NDArray[float64],
+    bearings: NDArray[float64],
+    optics: NDArray[float64],
+    units: NDArray[float64],
+    slopes: NDArray[float64],
+) -> None:
+    """Derivative of pixels' bearings by the unknowns of their lens: calibration/kernel/landing.hpp."""
+
+def land(
+    bearings: NDArray[float64],
+    seen: NDArray[float64],
+    weight: NDArray[float64],
+    label: NDArray[int64],
+    planes: NDArray[float64],
+    optics: NDArray[float64],
+    pose: NDArray[float64],
+    fold: float,
+    far: float,
+    error: NDArray[float64],
+) -> None:
+    """Where points on planes land in a projector, less where they were seen: calibration/kernel/landing.hpp."""
+
+def slope_landings(
+    bearings: NDArray[float64],
+    seen: NDArray[float64],
+    weight: NDArray[float64],
+    label: NDArray[int64],
+    planes: NDArray[float64],
+    optics: NDArray[float64],
+    pose: NDArray[float64],
+    by_lens: NDArray[float64],
+    units: NDArray[float64],
+    turns: NDArray[float64],
+    across: NDArray[float64],
+    plane_turns: NDArray[float64],
+    own: NDArray[int64],
+    own_slopes: NDArray[float64],
+    jacobian: NDArray[float64],
+) -> None:
+    """Derivative of that by all unknowns of the fit: calibration/kernel/landing.hpp."""

@@ -6,11 +6,12 @@ Lens terms are shares of what the data sheet says, so all unknowns are of order 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 
 from calibration.arrays import FloatArray
-from calibration.geometry.epipolar import NominalIntrinsics
+from calibration.geometry.known.nominal import NominalIntrinsics
 from calibration.geometry.pinhole import PinholeModel, rotation_of, vector_of
 from calibration.geometry.planes import Axes
 from calibration.geometry.robust_fit import Priors
@@ -130,10 +131,11 @@ def own_slopes_of(z: FloatArray, axes: Axes) -> list[tuple[slice, FloatArray]]:
     return list(zip(_places(axes), own, strict=True))
 
 
-def _places(axes: Axes) -> list[slice]:
-    """Of each plane's unknowns among all."""
+@lru_cache(maxsize=8)
+def _places(axes: Axes) -> tuple[slice, ...]:
+    """Of each plane's unknowns among all; a fit asks for them of the same axes hundreds of times."""
     ends = PLANES + np.cumsum(np.where(axes.turns_freely, 3, 1))
-    return [slice(int(a), int(b)) for a, b in zip((PLANES, *ends), ends, strict=False)]
+    return tuple(slice(int(a), int(b)) for a, b in zip((PLANES, *ends), ends, strict=False))
 
 
 def priors_of(scene: PlanarScene, nominal: NominalIntrinsics, variance_px2: float) -> Priors:

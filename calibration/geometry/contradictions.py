@@ -11,9 +11,9 @@ import numpy as np
 from calibration.arrays import FloatArray
 from calibration.errors import CalibrationError
 from calibration.geometry.bundle_unknowns import CAMERA, FOCAL_SIGMA, PROJECTOR, planes_of
-from calibration.geometry.epipolar import NominalIntrinsics
 from calibration.geometry.flat.endless import check_walls_end
 from calibration.geometry.flat.left_out import MOST_LEFT_OUT, check_none_left_out
+from calibration.geometry.known.nominal import NominalIntrinsics
 from calibration.geometry.noise import covariance, observation_variance, plus_minus, standard_deviations
 from calibration.geometry.plane_bundle import MARGIN_SHARE, BundleSolution, Rounds, adjust, adjust_to_held_planes, refit
 from calibration.geometry.planes import USUAL_ASKEW_DEG, Axes

@@ -3,17 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
-from functools import lru_cache
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import cv2
 import numpy as np
 
 from calibration.arrays import FloatArray
 from calibration.errors import CalibrationError
-from calibration.geometry.known.lenses import KnownLenses, idealised, real_device
-from calibration.geometry.pinhole import PinholeModel, bearings, image_of, rotation_of, vector_of, world_rays
-from calibration.geometry.robust_fit import Fit, Priors, Residual, robust_fit
+from calibration.geometry.known.nominal import NominalIntrinsics
+from calibration.geometry.pinhole import (
+    PinholeModel,
+    bearings,
+    direction_slopes,
+    image_of,
+    lens_slopes,
+    rotation_of,
+    rotation_slopes,
+    vector_of,
+    world_rays,
+)
+from calibration.geometry.robust_fit import Fit, Priors, robust_fit
 from calibration.geometry.triangulation import triangulate
 
 UNDISTORTIONS = 8
@@ -39,109 +49,6 @@ _SAME_POSE = 0.01
 """Of a rotation's entries and of the baseline: starts nearer to each other end in one fit."""
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class NominalIntrinsics:
-    """What the data sheets say of both lenses, or boards that measured them."""
-
-    camera_focal_px: float
-    projector_focal_px: float
-    camera_shape: tuple[int, int]
-    projector_shape: tuple[int, int]
-    known: KnownLenses = field(default_factory=KnownLenses)
-    """Lenses that boards measured; of these the focal lengths above are theirs."""
-    sheets: NominalIntrinsics | None = None
-    """What the data sheets say of them."""
-
-    @classmethod
-    def of(
-        cls,
-        *,
-        camera_shape: tuple[int, int],
-        projector_shape: tuple[int, int],
-        camera_hfov_deg: float,
-        projector_hfov_deg: float,
-    ) -> NominalIntrinsics:
-        """Make them from what data sheets say.
-
-        Parameters
-        ----------
-        camera_shape, projector_shape : (height, width)
-            Of the pictures. [px]
-        camera_hfov_deg, projector_hfov_deg : float
-            Horizontal fields of view, to some ten percent. [degrees]
-
-        Returns
-        -------
-        NominalIntrinsics
-            Focal lengths in pixels.
-        """
-        focal = [
-            float(shape[1] / 2 / np.tan(np.radians(hfov) / 2))
-            for shape, hfov in ((camera_shape, camera_hfov_deg), (projector_shape, projector_hfov_deg))
-        ]
-        return cls(
-            camera_focal_px=focal[0],
-            projector_focal_px=focal[1],
-            camera_shape=camera_shape,
-            projector_shape=projector_shape,
-        )
-
-    def with_lenses(self, known: KnownLenses) -> NominalIntrinsics:
-        """Return the same devices with lenses that boards measured.
-
-        Parameters
-        ----------
-        known : KnownLenses
-            Of one of them, or of both.
-
-        Returns
-        -------
-        NominalIntrinsics
-        """
-        camera_px, projector_px = (
-            focal if lens is None else float(lens.at_aspect[0][0])
-            for lens, focal in zip(known.both, (self.camera_focal_px, self.projector_focal_px), strict=True)
-        )
-        return replace(self, camera_focal_px=camera_px, projector_focal_px=projector_px, known=known, sheets=self)
-
-    def idealised(self, x1: FloatArray, x2: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return pixels as lenses would see them that are as expected before anything was measured.
-
-        What follows from them needs no search for what boards have told. Unknown lenses leave them as they are.
-
-        Parameters
-        ----------
-        x1, x2 : (N, 2)
-            Of the camera and the projector. [px]
-
-        Returns
-        -------
-        (N, 2), (N, 2)
-            The same points. [px]
-        """
-        (h1, w1), (h2, w2) = self.camera_shape, self.projector_shape
-        return (
-            idealised(self.known.camera, x1, ((w1 - 1) / 2, (h1 - 1) / 2)),
-            idealised(self.known.projector, x2, (0.5 * w2, 0.5 * h2)),
-        )
-
-    def real(self, devices: tuple[PinholeModel, PinholeModel]) -> tuple[PinholeModel, PinholeModel]:
-        """Give devices that were found in idealised pixels the lenses that are known.
-
-        Parameters
-        ----------
-        devices : (PinholeModel, PinholeModel)
-            Camera and projector.
-
-        Returns
-        -------
-        (PinholeModel, PinholeModel)
-            In the same poses.
-        """
-        camera, projector = (real_device(lens, one) for lens, one in zip(self.known.both, devices, strict=True))
-        return camera, projector
-
-
 # Unknowns: camera f / nominal, k1, k2; projector f / nominal, k1, k2, centre as shares of width and height;
 # rotation, translation.
 _EXPECTED = np.array([1, 0, 0, 1, 0, 0, 0.5, 0.5, 0, 0, 0, 0, 0, 0.0])
@@ -150,6 +57,8 @@ _START_SIGMA = (0.03, 0.12)
 _KNOWN_SHARE = 0.02
 """Of a data sheet's spread: what is left of it when boards have measured a lens, a per mille of its focal length."""
 _POSE = 8
+_CAMERA, _PROJECTOR = [0, 3, 4], [0, 3, 4, 1, 2]
+"""Of all terms of a lens those that are unknown here, in this order."""
 _Start = Callable[[FloatArray, FloatArray, NominalIntrinsics, tuple[float, float]], FloatArray | None]
 
 
@@ -215,7 +124,7 @@ def _fit_near(
     expected[6:8], sigma[6:8] = shares, _START_SIGMA
     sigma *= _spread(nominal)
     return robust_fit(
-        _sampson(x1, x2, nominal), start, _priors(expected, sigma, len(x1)), iterations=20, least_scale_px=0.3
+        SampsonError(x1, x2, nominal), start, _priors(expected, sigma, len(x1)), iterations=20, least_scale_px=0.3
     )
 
 
@@ -302,30 +211,119 @@ def _turn_between(x1: FloatArray, x2: FloatArray, camera: PinholeModel, projecto
     return vector_of(u @ np.diag([1, 1, np.linalg.det(u @ vt)]) @ vt)
 
 
-def _sampson(x1: FloatArray, x2: FloatArray, nominal: NominalIntrinsics) -> Residual:
-    """Sampson distances (N, 1) in px, as a function of the unknowns."""
-    seen_by_camera, seen_by_projector = _bearings_by_lens(x1), _bearings_by_lens(x2)
+@dataclass(frozen=True, eq=False)
+class SampsonError:
+    """Sampson distances (N, 1) in px, a function of the unknowns, with its derivative."""
 
-    def residual(q: FloatArray) -> FloatArray:
-        camera, projector = models_of(q, nominal)
-        a, b = seen_by_camera(camera), seen_by_projector(projector)
-        t = projector.translation_m
-        essential = np.array([[0, -t[2], t[1]], [t[2], 0, -t[0]], [-t[1], t[0], 0]]) @ projector.rotation
-        l2, l1 = a @ essential.T, b @ essential
-        slope = (l2[:, :2] ** 2).sum(1) / projector.focal_px[0] ** 2 + (l1[:, :2] ** 2).sum(1) / camera.focal_px[0] ** 2
-        return np.asarray((b * l2).sum(1) / np.sqrt(np.maximum(slope, 1e-18)))[:, None]
+    x1: FloatArray
+    x2: FloatArray
+    nominal: NominalIntrinsics
 
-    return residual
+    def __call__(self, q: FloatArray) -> FloatArray:
+        """(N, 1) distances. [px]."""
+        return self._lines(q).distances[:, None]
+
+    def jacobian(self, q: FloatArray) -> FloatArray:
+        """(n, N, 1) derivative of the distances by each unknown."""
+        lines = self._lines(q)
+        result = np.empty((len(q), len(self.x1)))
+        for side, x, rows, at in ((lines.of_camera, self.x1, _CAMERA, 0), (lines.of_projector, self.x2, _PROJECTOR, 3)):
+            units = np.array([1 / q[at], side.device.width_px, side.device.height_px, *[1.0] * 5])
+            slopes = lens_slopes(side.device, x, side.rays, units)[rows]
+            result[at : at + len(rows)] = (slopes * lines.by_ray(side)).sum(-1)
+            result[at] += lines.by_focal(side) / q[at]
+        by_pose = _essential_slopes(q, lines.of_projector.device)
+        result[_POSE:] = by_pose.reshape(len(by_pose), -1) @ lines.by_essential().reshape(len(self.x1), -1).T
+        return result[:, :, None]
+
+    def _lines(self, q: FloatArray) -> _EpipolarLines:
+        camera, projector = models_of(q, self.nominal)
+        a, b = (
+            bearings(x, one.focal_px[0], one.principal_point_px, one.distortion)
+            for x, one in ((self.x1, camera), (self.x2, projector))
+        )
+        essential = _crossed(projector.translation_m) @ projector.rotation
+        return _EpipolarLines(
+            _Side(camera, a, b @ essential, essential.T), _Side(projector, b, a @ essential.T, essential)
+        )
 
 
-def _bearings_by_lens(xy_px: FloatArray) -> Callable[[PinholeModel], FloatArray]:
-    """Bearings of pixels through any lens; the last two are kept, since most steps of a slope change no lens."""
+@dataclass(frozen=True, eq=False)
+class _Side:
+    """One device of two."""
 
-    @lru_cache(maxsize=2)
-    def through(focal_px: float, principal_point_px: tuple[float, float], distortion: tuple[float, ...]) -> FloatArray:
-        return bearings(xy_px, focal_px, principal_point_px, distortion)
+    device: PinholeModel
+    rays: FloatArray
+    """(N, 3) of its pixels, with 1 at the end."""
+    lines: FloatArray
+    """(N, 3) epipolar lines in its picture, of the other device's rays."""
+    essential: FloatArray
+    """(3, 3) which makes these of the other's rays."""
 
-    return lambda lens: through(lens.focal_px[0], lens.principal_point_px, tuple(lens.distortion))
+    @cached_property
+    def slopes(self) -> FloatArray:
+        """(N, 3) of its lines in 1 / px², as they count in the squared distance; nothing at the end."""
+        return np.asarray(self.lines * np.array([1.0, 1.0, 0.0]) / self.device.focal_px[0] ** 2)
+
+    @cached_property
+    def steepness(self) -> FloatArray:
+        """(N,) squared slope of the lines. [1 / px²]."""
+        return np.asarray((self.slopes * self.lines).sum(1))
+
+
+@dataclass(frozen=True, eq=False)
+class _EpipolarLines:
+    """What Sampson distances, b . E a / |slope|, and their derivatives are made of."""
+
+    of_camera: _Side
+    of_projector: _Side
+
+    @cached_property
+    def _algebraic(self) -> FloatArray:
+        return np.asarray((self.of_projector.rays * self.of_projector.lines).sum(1))
+
+    @cached_property
+    def _per_slope(self) -> FloatArray:
+        return np.asarray(1 / np.sqrt(np.maximum(self.of_camera.steepness + self.of_projector.steepness, 1e-18)))
+
+    @cached_property
+    def _by_steepness(self) -> FloatArray:
+        """(N,) derivative by half of the squared slope."""
+        return np.asarray(-self._algebraic * self._per_slope**3)
+
+    @property
+    def distances(self) -> FloatArray:
+        """(N,) [px]."""
+        return np.asarray(self._algebraic * self._per_slope)
+
+    def by_ray(self, side: _Side) -> FloatArray:
+        """(N, 2) derivative of the distances by one side's rays, which move the lines in the other's picture."""
+        other = self.of_camera if side is self.of_projector else self.of_projector
+        moved = (other.slopes @ other.essential)[:, :2]
+        return np.asarray(self._per_slope[:, None] * side.lines[:, :2] + self._by_steepness[:, None] * moved)
+
+    def by_focal(self, side: _Side) -> FloatArray:
+        """(N,) derivative by a share of one side's focal length, but for its rays."""
+        return np.asarray(-self._by_steepness * side.steepness)
+
+    def by_essential(self) -> FloatArray:
+        """(N, 3, 3) derivative by the essential matrix."""
+        a, b = self.of_camera, self.of_projector
+        by_row = self._per_slope[:, None] * b.rays + self._by_steepness[:, None] * b.slopes
+        by_column = self._by_steepness[:, None] * a.slopes
+        return np.asarray(by_row[:, :, None] * a.rays[:, None, :] + b.rays[:, :, None] * by_column[:, None, :])
+
+
+def _essential_slopes(q: FloatArray, projector: PinholeModel) -> FloatArray:
+    """(6, 3, 3) derivative of the essential matrix by rotation and translation."""
+    by_turn = _crossed(projector.translation_m) @ rotation_slopes(q[_POSE : _POSE + 3])
+    by_shift = [_crossed(one) @ projector.rotation for one in direction_slopes(q[_POSE + 3 :])]
+    return np.concatenate([by_turn, by_shift])
+
+
+def _crossed(t: FloatArray) -> FloatArray:
+    """(3, 3) that makes the cross product with a vector."""
+    return np.array([[0, -t[2], t[1]], [t[2], 0, -t[0]], [-t[1], t[0], 0]])
 
 
 def nominal_unknowns() -> FloatArray:

@@ -19,6 +19,8 @@ _WIDEST = math.tan(math.radians(80))
 """From the axis, focal length 1: beyond, the polynomial of a usual lens folds back."""
 _JUST_BEFORE, _NO_IMAGINARY = 1 - 1e-6, 1e-9
 """Of the squared distance of a fold, where a rational model may have a pole; of a root that is one."""
+_NO_FOLD = 1e-12
+"""Inverse of a squared distance that no ray has: rounding makes it of 0."""
 _BROWN = 5
 """Terms of Brown's distortion; the rational model has eight."""
 _UNDISTORTIONS = 8
@@ -45,6 +47,11 @@ class PinholeModel:
     def position_m(self) -> FloatArray:
         """(3,) centre of projection in the world, in metres."""
         return np.asarray(-self.rotation.T @ self.translation_m)
+
+    @property
+    def optics(self) -> FloatArray:
+        """(9,) focal lengths, principal point and Brown's terms, as the kernel takes them."""
+        return np.array([*self.focal_px, *self.principal_point_px, *self.distortion[:_BROWN]])
 
 
 def _lens(terms: FloatArray) -> FloatArray:
@@ -115,6 +122,17 @@ def bearings(
     return np.column_stack([plane, np.ones(len(plane))])
 
 
+def lens_slopes(device: PinholeModel, xy_px: FloatArray, rays: FloatArray, units: FloatArray) -> FloatArray:
+    """(8, N, 2) derivative of pixels' bearings by focal length, principal point and Brown's terms, in units (8,).
+
+    The unit of the focal length is a share of it.
+    """
+    slopes = np.empty((len(units), len(rays), 2))
+    seen = np.ascontiguousarray(xy_px, dtype=np.float64)
+    _kernel.slope_bearings(seen=seen, bearings=rays, optics=device.optics, units=units, slopes=slopes)
+    return slopes
+
+
 def image_of(
     points: FloatArray, focal_px: ArrayLike, principal_point_px: ArrayLike, distortion: ArrayLike
 ) -> FloatArray:
@@ -123,6 +141,21 @@ def image_of(
     What is so far from the axis that the distortion folds back lies straight on outwards from there: outside of every
     picture, where the polynomial would have it in the midst of one.
     """
+    terms = np.asarray(distortion, dtype=np.float64)
+    if len(terms) > _BROWN:
+        return defined_image(points, focal_px, principal_point_px, terms)
+    optics = np.empty(4 + _BROWN)
+    optics[:2], optics[2:4], optics[4:] = focal_px, principal_point_px, terms
+    pixels = np.empty((len(points), 2))
+    points = np.ascontiguousarray(points, dtype=np.float64)
+    _kernel.take_images(points=points, optics=optics, fold=fold_squared(terms), pixels=pixels)
+    return pixels
+
+
+def defined_image(
+    points: FloatArray, focal_px: ArrayLike, principal_point_px: ArrayLike, distortion: ArrayLike
+) -> FloatArray:
+    """(N, 2) pixels by numpy: those of rational lenses, and the definition of what the kernel does for others."""
     depth = np.where(np.abs(points[:, 2:]) > 1e-9, points[:, 2:], 1e-9)
     plane = points[:, :2] / depth
     within = _before_fold(plane, fold_squared(distortion))
@@ -150,10 +183,22 @@ def _fold_squared(terms: tuple[float, ...]) -> float:
     # r N(s) / D(s), s = r², stops rising where (N + 2 s N') D = 2 s N D', and has a pole where D is 0
     upper, rise = np.array([1.0, terms[0], terms[1], terms[4]]), (1.0, 3 * terms[0], 5 * terms[1], 7 * terms[4])
     if len(terms) == _BROWN:
-        return _least_positive_root(rise)
+        inverse = _largest_root(*rise[1:])
+        return 1 / inverse if inverse > _NO_FOLD else math.inf
     lower = np.array([1.0, *terms[_BROWN:]])
     slope = np.convolve(rise, lower) - np.convolve(upper, 2 * lower * np.arange(len(lower)))
     return min(_least_positive_root(slope), _least_positive_root(lower))
+
+
+def _largest_root(a: float, b: float, c: float) -> float:
+    """Largest real root of t³ + a t² + b t + c, in closed form: a fit asks for it at each of its steps."""
+    p, q = b - a * a / 3, (2 * a * a * a - 9 * a * b) / 27 + c
+    if (q / 2) ** 2 + (p / 3) ** 3 > 0:
+        u = -math.copysign(math.cbrt(abs(q) / 2 + math.sqrt((q / 2) ** 2 + (p / 3) ** 3)), q)
+        return u - p / (3 * u) - a / 3
+    width = 2 * math.sqrt(max(-p / 3, 0.0))
+    angle = math.acos(max(-1.0, min(1.0, 3 * q / (p * width)))) if p * width else 0.0
+    return width * math.cos(angle / 3) - a / 3
 
 
 def _least_positive_root(coefficients: ArrayLike) -> float:
@@ -210,6 +255,17 @@ def values_seen(image: FloatArray, model: PinholeModel, points_m: FloatArray) ->
 def rotation_of(vector: ArrayLike) -> FloatArray:
     """(3, 3) rotation of a Rodrigues vector in radians."""
     return np.asarray(cv2.Rodrigues(np.asarray(vector, dtype=np.float64).reshape(3, 1))[0])
+
+
+def rotation_slopes(vector: FloatArray) -> FloatArray:
+    """(3, 3, 3) derivative of a rotation by its Rodrigues vector in radians."""
+    return np.asarray(np.asarray(cv2.Rodrigues(vector.reshape(3, 1))[1], dtype=np.float64).reshape(3, 3, 3))
+
+
+def direction_slopes(vector: FloatArray) -> FloatArray:
+    """(3, 3) derivative of a vector's direction by the vector."""
+    length = np.linalg.norm(vector)
+    return np.asarray((np.eye(3) - np.outer(vector, vector) / length**2) / length)
 
 
 def vector_of(rotation: FloatArray) -> FloatArray:

@@ -16,7 +16,7 @@ from calibration.arrays import FloatArray, IntArray
 from calibration.errors import CalibrationError
 from calibration.geometry.bundle_residual import LandingError, landed, rays_of
 from calibration.geometry.bundle_unknowns import PlanarScene, priors_of, scene_of, unknowns_of
-from calibration.geometry.epipolar import NominalIntrinsics
+from calibration.geometry.known.nominal import NominalIntrinsics
 from calibration.geometry.noise import common_covariance, covariance, shared_error_px
 from calibration.geometry.pinhole import PinholeModel
 from calibration.geometry.planes import Axes, Transfer, assign_planes

@@ -12,8 +12,9 @@ from calibration.arrays import FloatArray, IntArray
 from calibration.errors import CalibrationError
 from calibration.geometry.bundle_residual import rays_of
 from calibration.geometry.bundle_unknowns import PlanarScene
-from calibration.geometry.epipolar import COLUMN_SHARES, UNDISTORTIONS, NominalIntrinsics, fit_epipolar
+from calibration.geometry.epipolar import COLUMN_SHARES, UNDISTORTIONS, fit_epipolar
 from calibration.geometry.flat.endless import MOST_REACH, reach
+from calibration.geometry.known.nominal import NominalIntrinsics
 from calibration.geometry.pinhole import PinholeModel
 from calibration.geometry.plane_bundle import BundleSolution, Rounds, adjust, transfer_of
 from calibration.geometry.planes import (

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from itertools import combinations, product
 
 import numpy as np
@@ -115,7 +116,7 @@ class Axes:
     """By which planes on an axis stand off square, one standard deviation of each of a plane's two tilts; 0: by
     nothing."""
 
-    @property
+    @cached_property
     def turns_freely(self) -> BoolArray:
         """(K,) planes that are not exactly perpendicular to an axis."""
         return np.asarray((self.of_plane < 0) | (self.askew_rad > 0))

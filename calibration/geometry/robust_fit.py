@@ -149,9 +149,10 @@ class _Slope:
         """Yield the step that bends with the residuals, unless it bends too much, then the straight one."""
         straight = _solve(self.hessian, self.gradient, damping)
         moved = self.residual(self.z - _SECOND_STEP * straight)
-        by_step = np.tensordot(straight, self.jacobian, 1)
+        flat = self.jacobian.reshape(len(self.z), -1)
+        by_step = (straight @ flat).reshape(self.error.shape)
         second = 2 / _SECOND_STEP * ((moved - self.error) / _SECOND_STEP + by_step)
-        pull = (self.jacobian * self.weight[:, None]).reshape(len(self.z), -1) @ second.ravel()
+        pull = flat @ (second * self.weight[:, None]).ravel()
         bend = 0.5 * _solve(self.hessian, pull, damping)
         if _size(self.hessian, bend) < _MOST_BENT * _size(self.hessian, straight):
             yield straight + bend
@@ -191,10 +192,11 @@ def _jacobian(residual: Residual, z: FloatArray, error: FloatArray) -> FloatArra
 def _normal_equations(
     jacobian: FloatArray, error: FloatArray, weight: FloatArray, *, z: FloatArray, priors: Priors
 ) -> tuple[FloatArray, FloatArray]:
-    flat = (jacobian * np.sqrt(weight)[:, None]).reshape(len(z), -1)
+    root = np.sqrt(weight)[:, None]
+    flat = (jacobian * root).reshape(len(z), -1)
     hessian = flat @ flat.T + priors.weight * priors.precision
     pull = priors.weight * priors.precision @ (z - priors.expected)
-    gradient = flat @ (error * np.sqrt(weight)[:, None]).ravel() + pull
+    gradient = flat @ (error * root).ravel() + pull
     return hessian, gradient
 
 

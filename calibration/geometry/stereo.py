@@ -20,7 +20,6 @@ from calibration.arrays import FloatArray
 from calibration.errors import CalibrationError
 from calibration.geometry.bundle_unknowns import PlanarScene, lens_sigmas, scene_of
 from calibration.geometry.contradictions import hold_against_all
-from calibration.geometry.epipolar import NominalIntrinsics
 from calibration.geometry.flat.averaging import without_averaging
 from calibration.geometry.flat.depth_reversal import likelier_depths
 from calibration.geometry.flat.one_wall import fit_where_flat
@@ -28,6 +27,7 @@ from calibration.geometry.flat.rivals import uncontradicted_rival
 from calibration.geometry.flat.third_wall import WeighedPoints, weights_of, with_third_wall
 from calibration.geometry.known.contradiction import OtherLens, contradiction, hold_against_boards
 from calibration.geometry.known.lenses import KnownLenses
+from calibration.geometry.known.nominal import NominalIntrinsics
 from calibration.geometry.known.right_angles import by_askew_walls, found_square
 from calibration.geometry.noise import standard_deviations
 from calibration.geometry.pinhole import PinholeModel, points_on_planes, project

@@ -10,6 +10,7 @@
 #include "arrays.hpp"
 #include "beats.hpp"
 #include "bind_instruction_set.hpp"
+#include "landing.hpp"
 #include "lens.hpp"
 #include "words.hpp"
 
@@ -97,6 +98,103 @@ void undistort_points(const In<double, 2> &real, const In<double, 1> &terms, dou
     KERNEL_CALL(undistort(work));
 }
 
+Optics optics_of(const In<double, 1> &numbers) {
+    if (numbers.size() != 9) throw std::invalid_argument("focal lengths, principal point and five terms");
+    const double *k = numbers.data();
+    return {k[0], k[1], k[2], k[3], {k[4], k[5], k[6], k[7], k[8]}};
+}
+
+void need(bool right, const char *what) {
+    if (!right) throw std::invalid_argument(what);
+}
+
+// optics: nine numbers (landing.hpp).
+void take_images_of(const In<double, 2> &points, const In<double, 1> &optics, double fold,
+                    const Out<double, 2> &pixels) {
+    const std::size_t count = points.shape(0);
+    need(points.shape(1) == 3 && pixels.shape(0) == count && pixels.shape(1) == 2, "(N, 3) points, (N, 2) pixels");
+    const Images work{points.data(), optics_of(optics), fold, pixels.data(), static_cast<std::int64_t>(count)};
+    nb::gil_scoped_release free;
+    take_images(work);
+}
+
+void slope_bearings_of(const In<double, 2> &seen, const In<double, 2> &bearings, const In<double, 1> &optics,
+                       const In<double, 1> &units, const Out<double, 3> &slopes) {
+    const std::size_t points = seen.shape(0);
+    need(seen.shape(1) == 2 && bearings.size() == 3 * points && units.size() == LENS_TERMS &&
+             slopes.size() == LENS_TERMS * 2 * points,
+         "(N, 2) pixels, (N, 3) bearings, eight units, (8, N, 2) slopes");
+    const BearingSlopes work{seen.data(), bearings.data(), optics_of(optics), units.data(), slopes.data(),
+                             static_cast<std::int64_t>(points)};
+    nb::gil_scoped_release free;
+    slope_bearings(work);
+}
+
+// pose: rotation by rows, then translation.
+Landings landings_of(const In<double, 2> &bearings, const In<double, 2> &seen, const In<double, 2> &weight,
+                     const In<std::int64_t, 1> &label, const In<double, 2> &planes, const In<double, 1> &optics,
+                     const In<double, 1> &pose, double fold, double far) {
+    const std::size_t points = seen.shape(0);
+    need(seen.shape(1) == 2 && bearings.size() == 3 * points && weight.size() == 2 * points && label.size() == points,
+         "(N, 2) pixels, as many weights, (N, 3) bearings, (N,) labels");
+    need(planes.shape(1) == 3 && pose.size() == 12, "(K, 3) planes, twelve numbers of a pose");
+    const auto count = static_cast<std::int64_t>(planes.shape(0));
+    for (std::size_t i = 0; i < points; ++i)
+        need(label.data()[i] >= 0 && label.data()[i] < count, "a label of no plane");
+    return {bearings.data(), seen.data(), weight.data(), label.data(), planes.data(), count, optics_of(optics),
+            pose.data(), pose.data() + 9, fold, far, static_cast<std::int64_t>(points)};
+}
+
+void land_points(const In<double, 2> &bearings, const In<double, 2> &seen, const In<double, 2> &weight,
+                 const In<std::int64_t, 1> &label, const In<double, 2> &planes, const In<double, 1> &optics,
+                 const In<double, 1> &pose, double fold, double far, const Out<double, 2> &error) {
+    const Landings work = landings_of(bearings, seen, weight, label, planes, optics, pose, fold, far);
+    need(error.size() == seen.size(), "(N, 2) errors");
+    nb::gil_scoped_release free;
+    land(work, error.data());
+}
+
+void slope_landings_of(const In<double, 2> &bearings, const In<double, 2> &seen, const In<double, 2> &weight,
+                       const In<std::int64_t, 1> &label, const In<double, 2> &planes, const In<double, 1> &optics,
+                       const In<double, 1> &pose, const In<double, 3> &by_lens, const In<double, 1> &units,
+                       const In<double, 3> &turns, const In<double, 2> &across, const In<double, 3> &plane_turns,
+                       const In<std::int64_t, 2> &own, const In<double, 3> &own_slopes,
+                       const Out<double, 3> &jacobian) {
+    const Landings work = landings_of(bearings, seen, weight, label, planes, optics, pose, 0, 0);
+    const auto points = static_cast<std::size_t>(work.points), count = static_cast<std::size_t>(work.plane_count);
+    need(by_lens.size() == LENS_TERMS * 2 * points && units.size() == LENS_TERMS && turns.size() == 27 &&
+             across.size() == 9 && plane_turns.size() == 9 * count && own.size() == 2 * count &&
+             own_slopes.size() == 9 * count && jacobian.shape(1) == points && jacobian.shape(2) == 2,
+         "slopes of other shapes");
+    const auto unknowns = static_cast<std::int64_t>(jacobian.shape(0));
+    for (std::size_t k = 0; k < count; ++k) {
+        const std::int64_t first = own.data()[2 * k], many = own.data()[2 * k + 1];
+        need(first >= 0 && many >= 0 && many <= 3 && first + many <= unknowns, "a plane's unknowns are among all");
+    }
+    need(unknowns >= 2 * LENS_TERMS + 9, "fewer unknowns than lenses and pose have");
+    const LandingSlopes slopes{by_lens.data(), units.data(), turns.data(), across.data(), plane_turns.data(),
+                               own.data(), own_slopes.data(), jacobian.data()};
+    nb::gil_scoped_release free;
+    slope_landings(work, slopes);
+}
+
+void bind_landing(nb::module_ &m) {
+    m.def("take_images", &take_images_of, nb::arg("points").noconvert(), nb::arg("optics").noconvert(), nb::arg("fold"),
+          nb::arg("pixels").noconvert());
+    m.def("slope_bearings", &slope_bearings_of, nb::arg("seen").noconvert(), nb::arg("bearings").noconvert(),
+          nb::arg("optics").noconvert(), nb::arg("units").noconvert(), nb::arg("slopes").noconvert());
+    m.def("land", &land_points, nb::arg("bearings").noconvert(), nb::arg("seen").noconvert(),
+          nb::arg("weight").noconvert(), nb::arg("label").noconvert(), nb::arg("planes").noconvert(),
+          nb::arg("optics").noconvert(), nb::arg("pose").noconvert(), nb::arg("fold"), nb::arg("far"),
+          nb::arg("error").noconvert());
+    m.def("slope_landings", &slope_landings_of, nb::arg("bearings").noconvert(), nb::arg("seen").noconvert(),
+          nb::arg("weight").noconvert(), nb::arg("label").noconvert(), nb::arg("planes").noconvert(),
+          nb::arg("optics").noconvert(), nb::arg("pose").noconvert(), nb::arg("by_lens").noconvert(),
+          nb::arg("units").noconvert(), nb::arg("turns").noconvert(), nb::arg("across").noconvert(),
+          nb::arg("plane_turns").noconvert(), nb::arg("own").noconvert(), nb::arg("own_slopes").noconvert(),
+          nb::arg("jacobian").noconvert());
+}
+
 }  // namespace
 
 NB_MODULE(_kernel, m) {
@@ -109,4 +207,5 @@ NB_MODULE(_kernel, m) {
     bind_read_beats<float>(m);
     m.def("undistort", &undistort_points, nb::arg("real").noconvert(), nb::arg("terms").noconvert(), nb::arg("limit"),
           nb::arg("rounds"), nb::arg("ideal").noconvert());
+    bind_landing(m);
 }

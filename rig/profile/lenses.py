@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from calibration.arrays import FloatArray
-from calibration.geometry.epipolar import NominalIntrinsics
 from calibration.geometry.known.lenses import KnownLenses, MeasuredLens
+from calibration.geometry.known.nominal import NominalIntrinsics
 from rig.errors import ProfileError
 from rig.files.lens_file import LensEntry, LensFile, read_lens_file
 from rig.profile.schema import Profile

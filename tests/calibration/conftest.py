@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from calibration.geometry.epipolar import NominalIntrinsics
+from calibration.geometry.known.nominal import NominalIntrinsics
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -27,7 +27,8 @@ from calibration.geometry.bundle_unknowns import (
     scene_of,
 )
 from calibration.geometry.contradictions import SIGMAS, check_data_sheets, check_flat, is_flat
-from calibration.geometry.epipolar import FLAT_SHARE, NominalIntrinsics, flat_share, models_of, nominal_unknowns
+from calibration.geometry.epipolar import FLAT_SHARE, flat_share, models_of, nominal_unknowns
+from calibration.geometry.known.nominal import NominalIntrinsics
 from calibration.geometry.noise import covariance, observation_variance, plus_minus, standard_deviations
 from calibration.geometry.pinhole import PinholeModel
 from calibration.geometry.plane_bundle import BundleSolution, Rounds, adjust

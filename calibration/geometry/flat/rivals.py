@@ -10,9 +10,9 @@ import numpy as np
 from calibration.arrays import FloatArray
 from calibration.errors import CalibrationError
 from calibration.geometry.contradictions import hold_against_all
-from calibration.geometry.epipolar import NominalIntrinsics
 from calibration.geometry.flat.depth_reversal import unheld_reversal
 from calibration.geometry.flat.third_wall import WeighedPoints
+from calibration.geometry.known.nominal import NominalIntrinsics
 from calibration.geometry.plane_bundle import BundleSolution
 from calibration.geometry.plane_search import (
     explains_a_room,

@@ -19,7 +19,7 @@ from calibration.errors import CalibrationError
 from calibration.geometry.bundle_residual import rays_of
 from calibration.geometry.bundle_unknowns import PlanarScene
 from calibration.geometry.contradictions import hold_against_all
-from calibration.geometry.epipolar import NominalIntrinsics
+from calibration.geometry.known.nominal import NominalIntrinsics
 from calibration.geometry.plane_bundle import BundleSolution, Rounds, adjust, transfer_of
 from calibration.geometry.support import explained_within_px, plane_errors_px, side_by_side
 from calibration.geometry.triangulation import triangulate

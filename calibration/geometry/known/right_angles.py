@@ -9,7 +9,7 @@ import numpy as np
 
 from calibration.arrays import FloatArray
 from calibration.geometry.bundle_unknowns import PLANES, unknowns_of
-from calibration.geometry.epipolar import NominalIntrinsics
+from calibration.geometry.known.nominal import NominalIntrinsics
 from calibration.geometry.noise import covariance
 from calibration.geometry.plane_bundle import BundleSolution
 from calibration.geometry.plane_search import candidates

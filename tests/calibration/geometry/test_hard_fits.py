@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from calibration.geometry import plane_search
+from calibration.geometry.epipolar import SampsonError, nominal_unknowns
 from calibration.geometry.pinhole import rotation_of, vector_of
 from calibration.geometry.planes import Axes, corner_axes
 from calibration.geometry.robust_fit import Priors, robust_fit
@@ -19,6 +20,19 @@ def test_a_fit_walks_along_a_bent_valley_to_its_end():
     priors = Priors.independent(np.zeros(2), np.full(2, np.inf), 1.0)
     fit = robust_fit(valley, np.array([-1.2, 1.44]), priors, iterations=40, least_scale_px=1.0)
     assert fit.z == pytest.approx([1.0, 1.0], abs=1e-3)  # straight steps are 1.2 away then
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_sampson_distances_have_the_slopes_that_they_state(room, seed):
+    random = np.random.default_rng(seed)
+    x1, x2 = room.correspondences(20)
+    error = SampsonError(x1, x2, room.nominal)
+    q = nominal_unknowns()
+    q += random.normal(scale=0.005, size=len(q))  # with more, some rays are still on their way to undistorted
+    stated, step = error.jacobian(q), 1e-6
+    for slope, direction in zip(stated, step * np.eye(len(q)), strict=True):
+        difference = (error(q + direction) - error(q - direction)) / (2 * step)
+        assert np.allclose(slope, difference, rtol=0, atol=1e-4 * np.abs(difference).max())
 
 
 @pytest.mark.parametrize("angle_rad", [1e-9, 1e-6, 1e-3, 1.0, 3.0])

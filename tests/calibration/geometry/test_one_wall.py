@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from calibration.errors import CalibrationError
-from calibration.geometry.epipolar import NominalIntrinsics
+from calibration.geometry.known.nominal import NominalIntrinsics
 from calibration.geometry.known.scale import scale_from_baseline
 from calibration.geometry.pinhole import PinholeModel, project, rotation_of, vector_of, world_rays
 from calibration.geometry.room import room_from_stereo

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from calibration.geometry.epipolar import NominalIntrinsics
+from calibration.geometry.known.nominal import NominalIntrinsics
 from calibration.geometry.stereo import calibrate_stereo
 
 CENTRE_M, RADIUS_M = np.array([2.88, 2.88]), 1.584

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from calibration.errors import CalibrationError
-from calibration.geometry.epipolar import NominalIntrinsics
+from calibration.geometry.known.nominal import NominalIntrinsics
 from calibration.geometry.stereo import calibrate_stereo
 
 CAMERA_FOCAL_PX, PROJECTOR_FOCAL_PX = 763.0, 667.0

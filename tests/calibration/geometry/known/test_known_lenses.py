@@ -8,8 +8,8 @@ import pytest
 from calibration.errors import CalibrationError
 from calibration.geometry.bundle_residual import LandingError
 from calibration.geometry.bundle_unknowns import expected_lenses
-from calibration.geometry.epipolar import NominalIntrinsics
 from calibration.geometry.known.lenses import KnownLenses, MeasuredLens, ideal_pixels
+from calibration.geometry.known.nominal import NominalIntrinsics
 from calibration.geometry.planes import Axes
 from calibration.geometry.stereo import calibrate_stereo
 from calibration.lenses.lens import PARAMETERS, project_points, projection
