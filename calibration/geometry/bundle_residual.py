@@ -14,10 +14,10 @@ from calibration.geometry.bundle_unknowns import (
     PROJECTOR,
     ROTATION,
     TRANSLATION,
-    TURN,
     devices_of,
     own_slopes_of,
     planes_of,
+    turn_slopes_of,
 )
 from calibration.geometry.known.nominal import NominalIntrinsics
 from calibration.geometry.pinhole import (
@@ -31,8 +31,6 @@ from calibration.geometry.pinhole import (
 )
 from calibration.geometry.planes import Axes
 
-_STEP = 1e-6
-"""Of the differences that stand for the derivatives of the planes by a turn: half of float64's digits."""
 _FAR_PX = 1e4
 """Beyond, a residual does not grow: a point behind the projector may land anywhere."""
 
@@ -98,7 +96,7 @@ class LandingError:
     def jacobian(self, z: FloatArray) -> FloatArray:
         """(n, N, 2) derivative of the weighted residuals by each unknown."""
         camera, projector = devices_of(z, self.nominal)
-        rays, planes = self._rays(camera, z), planes_of(z, self.axes)
+        rays = self._rays(camera, z)
         seen, weight, label = self._seen
         own, own_slopes = self._own(z)
         result = np.zeros((len(z), len(rays), 2))
@@ -107,28 +105,19 @@ class LandingError:
             seen=seen,
             weight=weight,
             label=label,
-            planes=planes,
+            planes=planes_of(z, self.axes),
             optics=projector.optics,
             pose=_pose(projector),
             by_lens=lens_slopes(camera, self.x1, rays, lens_units_at(z[CAMERA], camera)),
             units=lens_units_at(z[PROJECTOR], projector),
             turns=rotation_slopes(z[ROTATION]),
             across=direction_slopes(z[TRANSLATION]),
-            plane_turns=self._plane_turns(z, planes),
+            plane_turns=turn_slopes_of(z, self.axes),
             own=own,
             own_slopes=own_slopes,
             jacobian=result,
         )
         return result
-
-    def _plane_turns(self, z: FloatArray, planes: FloatArray) -> FloatArray:
-        """(3, K, 3) derivative of the planes by the turn of their axes."""
-        slopes = np.empty((3, *planes.shape))
-        for slope, k in zip(slopes, range(TURN.start, TURN.stop), strict=True):
-            moved = z.copy()
-            moved[k] += _STEP
-            slope[:] = (planes_of(moved, self.axes) - planes) / _STEP
-        return slopes
 
     def _own(self, z: FloatArray) -> tuple[IntArray, FloatArray]:
         """(K, 2) first and number of each plane's own unknowns, and (K, 3, 3) its derivative by these."""

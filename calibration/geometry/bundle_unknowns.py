@@ -12,7 +12,7 @@ import numpy as np
 
 from calibration.arrays import FloatArray
 from calibration.geometry.known.nominal import NominalIntrinsics
-from calibration.geometry.pinhole import PinholeModel, rotation_of, vector_of
+from calibration.geometry.pinhole import PinholeModel, rotation_of, rotation_slopes, vector_of
 from calibration.geometry.planes import Axes
 from calibration.geometry.robust_fit import Priors
 
@@ -122,6 +122,16 @@ def planes_of(z: FloatArray, axes: Axes) -> FloatArray:
     for k, (at, free) in enumerate(zip(_places(axes), axes.turns_freely, strict=True)):
         planes[k] = z[at] if free else z[at] * directions[axes.of_plane[k]]
     return planes
+
+
+def turn_slopes_of(z: FloatArray, axes: Axes) -> FloatArray:
+    """(3, K, 3) derivative of the planes by the turn of their axes; that of planes which turn freely is 0."""
+    turned = axes.directions @ rotation_slopes(z[TURN]).transpose(0, 2, 1)
+    slopes = np.zeros((3, len(axes.of_plane), 3))
+    for k, (at, free) in enumerate(zip(_places(axes), axes.turns_freely, strict=True)):
+        if not free:
+            slopes[:, k] = z[at] * turned[:, axes.of_plane[k]]
+    return slopes
 
 
 def own_slopes_of(z: FloatArray, axes: Axes) -> list[tuple[slice, FloatArray]]:

@@ -119,7 +119,9 @@ def bearings(
 ) -> FloatArray:
     """(N, 3) directions (x, y, 1) of pixels in the device's frame."""
     plane = undistort((xy_px - np.asarray(principal_point_px)) / np.asarray(focal_px), distortion, iterations)
-    return np.column_stack([plane, np.ones(len(plane))])
+    rays = np.ones((len(plane), 3))
+    rays[:, :2] = plane
+    return rays
 
 
 def lens_slopes(device: PinholeModel, xy_px: FloatArray, rays: FloatArray, units: FloatArray) -> FloatArray:

@@ -99,7 +99,7 @@ class ExplainedPixels:
 
 def _nearest(xy_px: FloatArray, pixel: FloatArray, reach_px: float) -> IntArray:
     """Rows of the pixels nearest to one, within a square around it."""
-    away = np.abs(xy_px - pixel).max(axis=1)
+    away = np.maximum(*np.abs(xy_px - pixel).T)
     near = np.flatnonzero(away <= reach_px)
     return np.asarray(near[np.argsort(away[near], kind="stable")[:_NEIGHBOURS]])
 

@@ -147,16 +147,30 @@ class _Slope:
 
     def steps(self, damping: float) -> Iterator[FloatArray]:
         """Yield the step that bends with the residuals, unless it bends too much, then the straight one."""
-        straight = _solve(self.hessian, self.gradient, damping)
+        straight = self._solved(self.gradient, damping)
         moved = self.residual(self.z - _SECOND_STEP * straight)
         flat = self.jacobian.reshape(len(self.z), -1)
         by_step = (straight @ flat).reshape(self.error.shape)
         second = 2 / _SECOND_STEP * ((moved - self.error) / _SECOND_STEP + by_step)
         pull = flat @ (second * self.weight[:, None]).ravel()
-        bend = 0.5 * _solve(self.hessian, pull, damping)
+        bend = 0.5 * self._solved(pull, damping)
         if _size(self.hessian, bend) < _MOST_BENT * _size(self.hessian, straight):
             yield straight + bend
         yield straight
+
+    @cached_property
+    def _units(self) -> FloatArray:
+        """(n,) of the unknowns, by their own curvature."""
+        return np.asarray(1 / np.sqrt(np.maximum(np.diag(self.hessian), 1e-300)))
+
+    @cached_property
+    def _in_units(self) -> FloatArray:
+        return np.asarray(self.hessian * np.outer(self._units, self._units))
+
+    def _solved(self, gradient: FloatArray, damping: float) -> FloatArray:
+        damped = self._in_units.copy()
+        np.einsum("kk->k", damped)[:] += damping
+        return np.asarray(self._units * np.linalg.solve(damped, self._units * gradient))
 
 
 def _size(hessian: FloatArray, step: FloatArray) -> float:
@@ -164,16 +178,21 @@ def _size(hessian: FloatArray, step: FloatArray) -> float:
     return float(np.sqrt((np.diag(hessian) * step**2).sum()))
 
 
+def _squared(error: FloatArray) -> FloatArray:
+    """(N,) squared lengths; a sum along so short an axis takes several times as long."""
+    return np.asarray(np.einsum("nd,nd->n", error, error))
+
+
 def _scale(error: FloatArray, least_px: float) -> float:
-    return max(least_px, 2 * float(np.median(np.linalg.norm(error, axis=1))))
+    return max(least_px, 2 * float(np.median(np.sqrt(_squared(error)))))
 
 
 def _weight(error: FloatArray, scale: float) -> FloatArray:
-    return np.asarray(1 / (1 + (error**2).sum(axis=1) / scale**2))
+    return np.asarray(1 / (1 + _squared(error) / scale**2))
 
 
 def _cost(error: FloatArray, scale: float) -> float:
-    return float(scale**2 * np.log1p((error**2).sum(axis=1) / scale**2).sum())
+    return float(scale**2 * np.log1p(_squared(error) / scale**2).sum())
 
 
 def _jacobian(residual: Residual, z: FloatArray, error: FloatArray) -> FloatArray:
@@ -198,9 +217,3 @@ def _normal_equations(
     pull = priors.weight * priors.precision @ (z - priors.expected)
     gradient = flat @ (error * root).ravel() + pull
     return hessian, gradient
-
-
-def _solve(hessian: FloatArray, gradient: FloatArray, damping: float) -> FloatArray:
-    scale = 1 / np.sqrt(np.maximum(np.diag(hessian), 1e-300))
-    damped = hessian * np.outer(scale, scale) + damping * np.eye(len(scale))
-    return np.asarray(scale * np.linalg.solve(damped, scale * gradient))

@@ -15,10 +15,10 @@ from calibration.geometry.bundle_unknowns import (
     devices_of,
     own_slopes_of,
     planes_of,
+    turn_slopes_of,
 )
 from calibration.geometry.pinhole import PinholeModel, direction_slopes, distort, distortion_slopes, rotation_slopes
 
-_STEP = 1e-6
 _FAR_PX = 1e4
 
 
@@ -76,12 +76,8 @@ def _by_projector(z: FloatArray, projector: PinholeModel, points: FloatArray, re
 
 
 def _by_planes(error: LandingError, z: FloatArray, by_plane: FloatArray, result: FloatArray) -> None:
-    planes = planes_of(z, error.axes)
-    for k in range(TURN.start, TURN.stop):
-        moved = z.copy()
-        moved[k] += _STEP
-        slope = (planes_of(moved, error.axes) - planes) / _STEP
-        result[k] = _applied(by_plane, slope[error.label])
+    for result_k, slope in zip(result[TURN], turn_slopes_of(z, error.axes), strict=True):
+        result_k[:] = _applied(by_plane, slope[error.label])
     for k, (at, slopes) in enumerate(own_slopes_of(z, error.axes)):
         on = np.flatnonzero(error.label == k)
         result[at, on] = (by_plane[on] @ slopes.T).transpose(2, 0, 1)
