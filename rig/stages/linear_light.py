@@ -85,6 +85,8 @@ class RadiometricCalibration:
     Where photographs are averaged over its period, such that the mean of as many frames of black has what is left."""
     black_repeats: int = BLACK_REPEATS
     """Frames of black at each exposure."""
+    black_swell: Mapping[float, float] = field(default_factory=dict)
+    """By what share of that light a mains light makes single frames brighter and darker, by exposure."""
     mixing: FloatArray
     """(B, B) K[b, q]: share of white in band b that channel q of the projector makes; rows sum to 1."""
     balance: FloatArray

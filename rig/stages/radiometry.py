@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from calibration.errors import CalibrationError
 from calibration.radiometry.black_level import fit_black_level
 from calibration.radiometry.camera_response import fit_camera_response
-from calibration.radiometry.flicker import PHASES
 from calibration.radiometry.light_groups import LightBesides
 from calibration.radiometry.mixing import Mixing, fit_mixing
 from calibration.radiometry.mosaic import Mosaic
@@ -25,12 +24,12 @@ from rig.profile.schema import Profile
 from rig.profile.tables import CameraProfile
 from rig.records import JsonObject, Record, json_of
 from rig.session import Session, Step
+from rig.stages.light.black import black_light
 from rig.stages.light.exposure import load_exposure, reference_exposure_s
 from rig.stages.light.lamp import N_WHITES, lamp_around, take_between_whites, time_of, without_drift
 from rig.stages.light.levels import light_of_levels, refuse_disturbed_sweeps, refuse_late_white
 from rig.stages.linear_light import (
     BLACK_REPEATS,
-    Float32Array,
     LightImage,
     RadiometricCalibration,
     ResponseRecord,
@@ -50,8 +49,6 @@ _SWEEPS = ("white-sweep", "white-sweep-back")
 that gets evenly brighter is then as bright for each exposure, in the mean, and is not taken for the camera's curve."""
 _SAMPLES = 12000
 """Pixels of a frame that the camera's curve and noise are fitted to; more change neither by its error."""
-_LEAST_BLACK = 1e-5
-"""Of full scale: of less light on black a share means nothing."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -70,6 +67,8 @@ class CameraRadiometry(Record):
     """Standard deviation between frames of black at these exposures, share of its light: room light that flickers."""
     black_repeats: int = BLACK_REPEATS
     """Frames of black at each exposure."""
+    black_swell: tuple[float, ...] = ()
+    """By what share of its light a mains light changes single frames of black; none in sessions of older versions."""
     white_noise_share: float | None = None
     """Standard deviation of one frame of white, by the median of its light; None in sessions of older versions."""
 
@@ -157,8 +156,8 @@ def measure_responses(rig: Rig, session: Session, step: Step, on_step: OnStep) -
     colours = pure_colours(rig.projector.shape, rig.profile.camera.channels)
     _photograph_responses(rig, session, step, on_step)
     bare = _fit_camera(step, rig.profile.camera, reference_exposure_s(session), _sweep_of(session))
-    black, ripple = _black(step, bracket, bare)
-    radiometric = replace(bare, black=black, black_ripple=ripple)
+    black = black_light(step, _black_bracket(bracket), bare)
+    radiometric = replace(bare, black=black.mean, black_ripple=black.ripple, black_swell=black.swell)
     radiometric = replace(radiometric, black_repeats=_black_bracket(bracket).repeats)
     white = merge_exposures(step, "level-255", bracket, radiometric)
     lit = witnesses(white)
@@ -273,25 +272,6 @@ def _fit_camera(
     )
 
 
-def _black(
-    step: Step, bracket: ExposureBracket, radiometric: RadiometricCalibration
-) -> tuple[dict[float, Float32Array], dict[float, float]]:
-    """(H, W, B) mean linear light while the projector shows black, by exposure, and by what share of it repeats differ.
-
-    The noise of a mean over all pixels is nothing beside a mains light that flickers. Where frames are averaged over
-    its period, the means of such sets tell what is left.
-    """
-    table, black, one_set = radiometric.table(), _black_bracket(bracket), 1 if bracket.swell_hz is None else PHASES
-    means, ripple = {}, {}
-    for e, exposure_s in enumerate(bracket.exposures_s):
-        frames = [table[step.load_frame(frame_name("black", e, r)).pixels] for r in range(black.repeats)]
-        mean = np.mean(frames, axis=0).astype(np.float32)
-        means[exposure_s] = mean if radiometric.mosaic is None else radiometric.mosaic.interpolated(mean)
-        light = np.array([frame.mean(dtype=np.float64) for frame in frames]).reshape(-1, one_set).mean(axis=1)
-        ripple[exposure_s] = float(np.sqrt(one_set) * light.std(ddof=1) / max(light.mean(), _LEAST_BLACK))
-    return means, ripple
-
-
 def witnesses(white: LightImage) -> BoolArray:
     """(H, W) pixels whose light tells the projector's curve: bright in each band, and not clipped.
 
@@ -355,6 +335,7 @@ def _save(
         black_exposures_s=tuple(radiometric.black),
         black_ripple=tuple(radiometric.black_ripple.values()),
         black_repeats=radiometric.black_repeats,
+        black_swell=tuple(radiometric.black_swell.values()),
         white_noise_share=noise_share,
     )
     pair = PairRadiometry(
@@ -391,6 +372,7 @@ def load_radiometric_calibration(session: Session) -> RadiometricCalibration:
         black={exposure_s: image_of(black, f"e{k}") for k, exposure_s in enumerate(camera.black_exposures_s)},
         black_ripple=dict(zip(camera.black_exposures_s, camera.black_ripple, strict=True)),
         black_repeats=camera.black_repeats,
+        black_swell=dict(zip(camera.black_exposures_s, camera.black_swell, strict=False)),
         mixing=np.array(pair.mixing),
         balance=np.array(pair.balance),
         mosaic=mosaic_of(session.profile.camera),

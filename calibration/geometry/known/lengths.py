@@ -63,19 +63,29 @@ class TapedCalibration:
         -----
         Both are normally distributed about what they say, and differences are straight in both: then the likeliest is
         x - G d with G = C A' (A C A')^-1 and the slopes A of the differences d, and its covariance C - G A C. What
-        walls that stand askew do to x, they do to d, too: (1 - G A) times that is left.
+        walls that stand askew do to x, they do to d, too: (1 - G A) times that is left. Where differences are larger
+        than both allow, the tape is taken to be as uncertain as they show: its standard deviations times the root of
+        chi-squared over their number (R. T. Birge, The calculation of errors by the method of least squares, Phys.
+        Rev. 40, 1932).
         """
         off, slope = slopes(lambda x: differences(*self._parts(x)), self._all)
         if not len(off):
             return self
-        along = self.covariance @ slope.T
+        believed = self._with_tapes_times(_birge_ratio(off, slope @ self.covariance @ slope.T))
+        along = believed @ slope.T
         gain = np.linalg.solve(slope @ along, along.T).T
-        together, covariance = self._all - gain @ off, self.covariance - gain @ along.T
+        together, covariance = self._all - gain @ off, believed - gain @ along.T
         n = len(together) - len(self.tape_errors)
         left = np.eye(len(together)) - gain @ slope
         askew = left @ self.askew @ left.T
         pair = self.pair.known_to(together[:n], covariance[:n, :n], askew[:n, :n])
         return replace(self, pair=pair, tape_errors=together[n:], covariance=covariance, askew=askew)
+
+    def _with_tapes_times(self, ratio: float) -> FloatArray:
+        """(n + T, n + T) covariance, the tapes' standard deviations that many times as large."""
+        n = len(self.covariance) - len(self.tape_errors)
+        wider = np.append(np.ones(n), np.full(len(self.tape_errors), ratio))
+        return np.asarray(self.covariance * np.outer(wider, wider))
 
     @property
     def _all(self) -> FloatArray:
@@ -85,3 +95,9 @@ class TapedCalibration:
     def _parts(self, together: FloatArray) -> tuple[StereoCalibration, FloatArray]:
         n = len(together) - len(self.tape_errors)
         return (self.pair.at(together[:n]) if n else self.pair), together[n:]
+
+
+def _birge_ratio(off: FloatArray, covariance: FloatArray) -> float:
+    """Root of chi-squared over its degrees of freedom; not below 1: that lengths agree by chance makes none better."""
+    chi_squared = float(off @ np.linalg.solve(covariance, off))
+    return max(1.0, float(np.sqrt(chi_squared / len(off))))

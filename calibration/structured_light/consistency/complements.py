@@ -40,7 +40,7 @@ _ONE_SIDED, _MOST_COVERED = 0.95, 0.35
 
 
 def refuse_stale_frames(
-    frames: Mapping[str, Frame], noise_limit: float | NDArray[np.floating], saturation: float
+    frames: Mapping[str, Frame], noise_limit: float | NDArray[np.floating], saturation: float, *, swell: float = 0.0
 ) -> None:
     """Refuse frames of a code with inverses of which one shows another picture than it should.
 
@@ -52,6 +52,9 @@ def refuse_stale_frames(
         Two standard deviations of the difference of two frames. [dn]
     saturation : float
         Values from here on are clipped, and not judged. [dn]
+    swell : float
+        By what share of its light a mains light in the room makes single frames of black brighter and darker: so much
+        may a pair's light change as black's does. [1]
 
     Raises
     ------
@@ -69,7 +72,8 @@ def refuse_stale_frames(
     if judged.sum() < _LEAST_LIT:
         return
     judged &= contrast > _STRONG * np.quantile(contrast[judged], 0.95)
-    change = (lit + other - total)[:, judged] / contrast[judged]
+    change = (lit + other - total)[:, judged]
+    change = _without_swell(change, other[-1][judged], swell) / contrast[judged]
     unlike = (np.abs(change) > _APART).mean(axis=1)
     worst = int(unlike.argmax())
     if unlike[worst] > _MOST_UNLIKE:
@@ -80,6 +84,18 @@ def refuse_stale_frames(
             f"pixels (limit {100 * _MOST_UNLIKE:g} %): {_cause(change[worst], seen, is_flat=one == 'white')}; "
             "keep lights, walls and devices as they are, and begin a new session"
         )
+
+
+def _without_swell(change: NDArray[np.floating], black: NDArray[np.floating], swell: float) -> NDArray[np.floating]:
+    """Changes of pairs (P, N) less what a mains light may add to all of their picture.
+
+    Each of two frames may be off the light's mean by its amplitude, and so may each of the two of the middle pair.
+    """
+    if swell <= 0:
+        return change
+    most = 4 * swell / max(1 - swell, swell)
+    share = np.median(change / np.maximum(black, np.finfo(np.float32).tiny), axis=1, keepdims=True)
+    return np.asarray(change - np.clip(share, -most, most) * black)
 
 
 def _cause(change: NDArray[np.floating], seen: float, *, is_flat: bool) -> str:

@@ -56,7 +56,7 @@ def read_code(
     for name in names:
         pixels = frame(name)
         frames[name], thinned[name] = plain.read(pixels), linear.read(pixels[some])
-    refuse_stale_frames(thinned, linear.noise_limit[some], linear.saturation)
+    refuse_stale_frames(thinned, linear.noise_limit[some], linear.saturation, swell=_swell(radiometric))
     return plain.decode(code, frames, projector_shape)
 
 
@@ -93,9 +93,13 @@ class FrameReading:
         white, black = flats
         limit = NOISE_SIGMAS * np.sqrt(2) * radiometric.sum_noise_dn(white, black)
         saturation: float = radiometric.saturation_dn
+        darkness = np.maximum(black - radiometric.offset_dn, 0).sum(axis=2)
         if table is not None:
             limit *= np.gradient(table)[((white.astype(np.uint32) + black) // 2).max(axis=2)]
             saturation = float(table[radiometric.saturation_dn])
+            darkness = table[black].sum(axis=2)
+        # a picture at a mains light's brightest, its inverse at the darkest
+        limit += 2 * _swell(radiometric) * darkness
         return cls(
             read=read,
             white=read(white),
@@ -122,6 +126,11 @@ def has_inverses(names: Sequence[str]) -> bool:
     """Tell whether each picture is held against its inverse, so that any response of the camera will do."""
     known = set(names)
     return all(name.endswith(INVERSE) or f"{name}{INVERSE}" in known for name in names)
+
+
+def _swell(radiometric: RadiometricCalibration) -> float:
+    """By what share a mains light makes single frames of black brighter and darker, at the exposure that shows most."""
+    return max(radiometric.black_swell.values(), default=0.0)
 
 
 def _light(pixels: NDArray[np.uint16], table: Float32Array) -> Float32Array:

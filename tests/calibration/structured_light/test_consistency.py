@@ -209,6 +209,35 @@ def test_a_light_that_is_switched_among_the_stripes_is_named(
         refuse_stale(changed)
 
 
+def under_mains_light(frames: dict[str, np.ndarray], swell: float, by: float) -> dict[str, np.ndarray]:
+    """Light in the room at one phase of the mains, until a frame comes late: then a third of a period on."""
+    late = 2 * len(frames) // 3
+    return {
+        name: frame + by * (1 + swell * np.cos(0.4 + (2 * np.pi / 3 if k >= late else 0.0)))
+        for k, (name, frame) in enumerate(frames.items())
+    }
+
+
+@pytest.mark.parametrize("code", ["gray", "long-run", "xor-02"])
+def test_a_mains_light_that_swells_among_the_frames_is_no_light_that_was_switched(code: CodeName) -> None:
+    """All frames are at one phase, until one comes late; what black showed of it says how far light may change."""
+    frames = under_mains_light(session_of(code, glow=0.8), 0.4, 80.0)
+    with pytest.raises(CalibrationError, match="light in the room was switched"):
+        refuse_stale(frames)
+    refuse_stale_frames(frames, 2 * 2**0.5, 500, swell=0.4)
+    with pytest.raises(CalibrationError, match="light in the room was switched"):
+        refuse_stale_frames(frames, 2 * 2**0.5, 500, swell=0.02)
+
+
+@pytest.mark.parametrize("code", ["gray", "long-run", "xor-02"])
+def test_stale_frames_are_found_under_a_mains_light(code: CodeName) -> None:
+    frames = under_mains_light(session_of(code, glow=0.8), 0.4, 80.0)
+    names = list(frames)[2:]
+    for before, name in list(pairwise(names))[::3]:
+        with pytest.raises(CalibrationError, match=f"{name.removesuffix('-inverse')} .*stale frame"):
+            refuse_stale_frames({**frames, name: frames[before]}, 2 * 2**0.5, 500, swell=0.4)
+
+
 @pytest.mark.parametrize("code", ["gray", "long-run", "xor-02"])
 @pytest.mark.parametrize("left", [40, 150])
 def test_somebody_who_walks_through_the_picture_is_no_stale_frame(code: CodeName, left: int) -> None:

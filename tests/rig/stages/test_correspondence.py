@@ -1,5 +1,6 @@
 """Step `gray` and `correspondence`: patterns as light, photographs as light, reasons in the report."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import TYPE_CHECKING
 
@@ -12,9 +13,10 @@ from rig.report.pictures import REASONS
 from rig.session import Session
 from rig.stages import correspondence
 from rig.stages.correspondence import _as_light
-from rig.stages.photograph import frame_name
+from rig.stages.light.black import black_light
+from rig.stages.photograph import ExposureBracket, frame_name
 from rig.stages.radiometry import load_radiometric_calibration
-from rig.stages.stripes.reading import has_inverses, read_code
+from rig.stages.stripes.reading import has_inverses, in_dn, in_light, read_code
 from rig.stages.stripes.showing import blaming_focus
 
 if TYPE_CHECKING:
@@ -99,3 +101,38 @@ def test_what_geometry_is_refused_for_in_focus_is_left_as_it_is() -> None:
     with pytest.raises(CalibrationError) as told, blaming_focus(1):
         raise error
     assert told.value is error
+
+
+def test_what_a_mains_light_may_add_to_a_picture_is_below_the_limit_of_a_stripe(finished: "Finished") -> None:
+    """At its brightest in one of a pair, at its darkest in the other: twice the amplitude."""
+    with Session.read(finished.folder) as session:
+        gray, radiometric = session.finished("gray"), load_radiometric_calibration(session)
+        white, black = (gray.load_frame(frame_name(name)).pixels for name in ("white", "black"))
+    swelling = replace(radiometric, black_swell={0.01: 0.0, 0.004: 0.3})
+    for reading in (in_light, in_dn):
+        plain, wider = (reading((white, black), each) for each in (radiometric, swelling))
+        of_black = radiometric.table()[black].sum(axis=2)
+        if reading is in_dn:
+            of_black = np.maximum(black - radiometric.offset_dn, 0).sum(axis=2)
+        assert wider.noise_limit - plain.noise_limit == pytest.approx(0.6 * of_black, rel=1e-4, abs=1e-6)
+
+
+def black_frames(lights: list[float]) -> SimpleNamespace:
+    """A step whose frames of black are each of one light."""
+    frames = {
+        frame_name("black", 0, k): SimpleNamespace(pixels=np.full((4, 6, 1), round(light), np.uint16))
+        for k, light in enumerate(lights)
+    }
+    return SimpleNamespace(load_frame=frames.__getitem__)
+
+
+def test_the_amplitude_of_a_mains_light_is_told_by_single_frames_a_third_of_its_period_apart() -> None:
+    radiometric = SimpleNamespace(table=lambda: np.arange(4096.0), mosaic=None)
+    lights = [1000 * (1 + 0.2 * np.cos(0.7 + 2 * np.pi * k / 3)) for k in range(6)]
+    swelling = black_light(black_frames(lights), ExposureBracket((0.004,), 6, swell_hz=100.0), radiometric)  # type: ignore[arg-type]
+    assert swelling.swell[0.004] == pytest.approx(0.2, rel=0.01)
+    assert swelling.ripple[0.004] == pytest.approx(0.0, abs=0.002)
+    assert swelling.mean[0.004] == pytest.approx(1000.0, rel=0.01)
+    still = black_light(black_frames([1000.0, 1010.0] * 2), ExposureBracket((0.01,), 4), radiometric)  # type: ignore[arg-type]
+    assert still.swell == {0.01: 0.0}
+    assert still.ripple[0.01] == pytest.approx(0.0057, rel=0.02)

@@ -61,7 +61,7 @@ def test_a_second_tape_makes_the_other_walls_surer_and_truer(room, pair, true_m)
         sigmas.append([sigma for _, sigma in both])
     rms = np.sqrt(np.mean(np.square(errors), axis=0))
     assert (rms[1] < 0.9 * rms[0]).all()
-    assert (np.mean(sigmas, axis=0)[1] < 0.85 * np.mean(sigmas, axis=0)[0]).all()
+    assert (np.median(sigmas, axis=0)[1] < 0.85 * np.median(sigmas, axis=0)[0]).all()
     assert 0.6 < np.sqrt(np.mean(np.square(np.array(errors)[:, 1] / np.array(sigmas)[:, 1]))) < 1.4
 
 
@@ -79,7 +79,22 @@ def test_lenses_are_known_no_worse_and_not_moved_by_a_tape_that_agrees(room, pai
     assert agreed.pair.sigmas["camera_f"] < pair.sigmas["camera_f"]
 
 
-def test_a_calibration_that_was_not_fitted_leaves_the_tapes_to_each_other():
+def test_tapes_that_differ_by_more_than_both_allow_are_as_uncertain_as_they_show(room, pair, true_m):
+    """Of tapes three times worse than is said, a third of all lengths would lie beyond three of their sigmas."""
+    random, scores, widest = np.random.default_rng(5), [], 0.0
+    for _ in range(40):
+        (_, (found, sigma)) = held(room, pair, true_m, 3 * random.normal(size=2))
+        scores.append(np.abs(found - true_m) / sigma)
+        widest = max(widest, float(sigma[-1]))
+    _, (_, agreed) = held(room, pair, true_m, np.zeros(2))
+    assert np.mean(np.array(scores) < 3) > 0.8
+    assert widest > 2 * agreed[-1]
+
+
+@pytest.fixture
+def known():
+    """A calibration that was not fitted, so that nothing of it is uncertain."""
+
     def lens(at_m: float) -> PinholeModel:
         return PinholeModel(
             width_px=64,
@@ -91,7 +106,7 @@ def test_a_calibration_that_was_not_fitted_leaves_the_tapes_to_each_other():
             translation_m=np.array([at_m, 0.0, 0.0]),
         )
 
-    known = StereoCalibration(
+    return StereoCalibration(
         camera=lens(0.0),
         projector=lens(1.0),
         planes=np.array([[0.0, 0.0, 0.5]]),
@@ -104,6 +119,11 @@ def test_a_calibration_that_was_not_fitted_leaves_the_tapes_to_each_other():
         inlier_share=1.0,
         explained=None,
     )
-    taped = TapedCalibration.apart(known, 2).held_to(lambda _, errors: np.array([errors[0] - errors[1] - 2.0]))
-    assert taped.tape_errors == pytest.approx([1.0, -1.0])
-    assert taped.sigmas_of(lambda _, errors: errors[:1]) == pytest.approx([np.sqrt(0.5)])
+
+
+@pytest.mark.parametrize(("apart", "sigma"), [(0.0, 0.5), (1.0, 0.5), (2.0, 1.0), (4.0, 4.0)])
+def test_two_tapes_alone_meet_half_way_and_are_no_surer_than_they_agree(known, apart, sigma):
+    """By sums by hand: chi-squared is apart² / 2, and widens the variance of their mean, 0.5, where it exceeds 1."""
+    taped = TapedCalibration.apart(known, 2).held_to(lambda _, errors: np.array([errors[0] - errors[1] - apart]))
+    assert taped.tape_errors == pytest.approx([apart / 2, -apart / 2])
+    assert taped.sigmas_of(lambda _, errors: errors[:1]) == pytest.approx([np.sqrt(sigma)])
