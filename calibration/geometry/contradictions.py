@@ -263,7 +263,8 @@ def check_right_angles(held: BundleSolution, free: BundleSolution) -> float:
     raise CalibrationError(
         f"the walls are not at right angles{within}: a fit without right angles explains the points and hfov_deg "
         f"better by {sigmas:.0f} sigma, the limit is {SIGMAS:g}; {_worst_of(angles)}. Check hfov_deg of both devices; "
-        f"if it is right, say how far from square the walls stand (askew_deg; {USUAL_ASKEW_DEG:g} in usual houses), or "
+        f"if it is right, what stands askew in the room (a panel, a box) may be taken for a wall: show more of the "
+        f"bare walls; or say how far from square the walls stand (askew_deg; {USUAL_ASKEW_DEG:g} in usual houses), or "
         "set right_angles = false"
     )
 
