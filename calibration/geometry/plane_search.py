@@ -21,6 +21,7 @@ from calibration.geometry.planes import (
     INLIER_PX,
     Axes,
     ViewedPoints,
+    askew_hypotheses,
     axis_hypotheses,
     corner_axes,
     orthogonal_axes,
@@ -44,6 +45,8 @@ _EPIPOLAR_MEDIANS, _MEDIANS, _LEAST_LIMIT_PX = 10.0, 5.0, 0.4
 """Where planes differ by few pixels of parallax, whole codes' limit would take two for one."""
 _ONE_AXIS = 0.5
 """What a candidate counts that has walls along one direction only: none at right angles."""
+_ROUGHLY = Rounds(limits_px=(1.5,), iterations=12)
+"""A fit that tells which of several guesses may be meant."""
 _FEWER_PLANES = (3, 2)
 _HELD_PX2 = 2.0
 """Variance by which points count while free planes are looked for: a hundred times the usual, so that data sheets hold
@@ -64,7 +67,7 @@ def candidates(
 
     First comes the first fit whose planes explain nearly all points, or the one that explains most. A fit may explain
     all points and be wrong, and what holds it against the data sheets finds out: so the others follow, with those from
-    the same starts that take fewer planes for walls and leave much less over, and then those that begin with one device
+    the same starts that take fewer planes for walls and leave less over, and then those that begin with one device
     before the other, which come first where no other start explains half of the points, and they nearly all.
 
     Parameters
@@ -102,6 +105,7 @@ def candidates(
     rest = chain(fits, ahead)
     yield from (ends.squarest for ends in tried)
     yield from (ends.finer for ends in tried if ends.finer is not None)
+    yield from chain.from_iterable(ends.askew for ends in tried)
     others = chain.from_iterable((ends.squarest, ends.finer) for ends in rest)
     yield from (fit for fit in others if fit is not None and _merit(fit, right_angles) > LEAST_INLIER_SHARE)
 
@@ -114,6 +118,8 @@ class _Ends:
     """Of fits that explain nearly as many points on walls at right angles as any, the one with least left over."""
     finer: BundleSolution | None
     """One that takes fewer planes for walls, and leaves much less over; None where there is none."""
+    askew: Iterator[BundleSolution]
+    """Others that leave less over than the squarest, the least first; made when they are asked for."""
 
 
 def _tried(fits: Iterator[_Ends], right_angles: bool) -> list[_Ends]:
@@ -260,12 +266,14 @@ def _adjusted_twice(
         return None
     guessed = _guesses(x1, x2, held, nominal, right_angles=right_angles)
     corners = corner_axes(held.planes, orthogonal_axes(held.planes, _GUESSED_LIMIT_DEG)) if right_angles else []
-    rounds = Rounds(limits_px=(1.5,), iterations=12)
-    others = [adjust(x1, x2, held.with_planes(held.planes, axes), nominal, rounds=rounds) for axes in corners]
+    others = [adjust(x1, x2, held.with_planes(held.planes, axes), nominal, rounds=_ROUGHLY) for axes in corners]
     fits = [fit for fit in (_likeliest(guessed, right_angles, x1), *others) if fit is not None]
     ends = [_found_again(x1, x2, fit, nominal, right_angles=right_angles) for fit in fits]
     squarest = _likeliest(ends, right_angles, x1)
-    return None if squarest is None else _Ends(squarest=squarest, finer=_finer(guessed, squarest))
+    if squarest is None:
+        return None
+    askew = _askew(x1, x2, held, nominal, guessed, least=squarest.left_over) if right_angles else iter(())
+    return _Ends(squarest=squarest, finer=_finer(guessed, squarest), askew=askew)
 
 
 def _found_again(
@@ -293,9 +301,24 @@ def _guesses(
     """Fit with lenses as free as they are, the planes at right angles in each way that may be meant."""
     square = orthogonal_axes(start.planes, _GUESSED_LIMIT_DEG)
     guesses = axis_hypotheses(start.planes, square) if right_angles else [None]
-    rounds = Rounds(limits_px=(1.5,), iterations=12)
-    fits = [adjust(x1, x2, start.with_planes(start.planes, axes), nominal, rounds=rounds) for axes in guesses]
+    fits = [adjust(x1, x2, start.with_planes(start.planes, axes), nominal, rounds=_ROUGHLY) for axes in guesses]
     return [fit for fit in fits if fit is not None]
+
+
+def _askew(
+    x1: FloatArray,
+    x2: FloatArray,
+    held: BundleSolution,
+    nominal: NominalIntrinsics,
+    guessed: Sequence[BundleSolution],
+    *,
+    least: float,
+) -> Iterator[BundleSolution]:
+    """Yield fits that leave less over: of guesses, and of those in which one of two planes on an axis stands askew."""
+    axes = askew_hypotheses(held.planes, orthogonal_axes(held.planes, _GUESSED_LIMIT_DEG))
+    apart = (adjust(x1, x2, held.with_planes(held.planes, one), nominal, rounds=_ROUGHLY) for one in axes)
+    able = [fit for fit in (*guessed, *apart) if fit is not None and fit.left_over < least and explains_a_room(fit)]
+    yield from sorted(able, key=lambda fit: fit.left_over)
 
 
 def _first_fit(x1: FloatArray, x2: FloatArray, start: PlanarScene, nominal: NominalIntrinsics) -> BundleSolution | None:
