@@ -272,7 +272,7 @@ def _adjusted_twice(
     squarest = _likeliest(ends, right_angles, x1)
     if squarest is None:
         return None
-    askew = _askew(x1, x2, held, nominal, guessed, least=squarest.left_over) if right_angles else iter(())
+    askew = _askew(x1, x2, held, nominal, guessed=guessed, least=squarest.left_over) if right_angles else iter(())
     return _Ends(squarest=squarest, finer=_finer(guessed, squarest), askew=askew)
 
 
@@ -310,8 +310,8 @@ def _askew(
     x2: FloatArray,
     held: BundleSolution,
     nominal: NominalIntrinsics,
-    guessed: Sequence[BundleSolution],
     *,
+    guessed: Sequence[BundleSolution],
     least: float,
 ) -> Iterator[BundleSolution]:
     """Yield fits that leave less over: of guesses, and of those in which one of two planes on an axis stands askew."""
