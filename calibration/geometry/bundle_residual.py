@@ -25,6 +25,7 @@ from calibration.geometry.pinhole import (
     bearings,
     direction_slopes,
     fold_squared,
+    lens_slope_units,
     lens_slopes,
     project,
     rotation_slopes,
@@ -108,8 +109,8 @@ class LandingError:
             planes=planes_of(z, self.axes),
             optics=projector.optics,
             pose=_pose(projector),
-            by_lens=lens_slopes(camera, self.x1, rays, lens_units_at(z[CAMERA], camera)),
-            units=lens_units_at(z[PROJECTOR], projector),
+            by_lens=lens_slopes(camera, self.x1, rays, lens_slope_units(camera, z[CAMERA.start])),
+            units=lens_slope_units(projector, z[PROJECTOR.start]),
             turns=rotation_slopes(z[ROTATION]),
             across=direction_slopes(z[TRANSLATION]),
             plane_turns=turn_slopes_of(z, self.axes),
@@ -131,11 +132,6 @@ class LandingError:
 def _pose(projector: PinholeModel) -> FloatArray:
     """(12,) rotation by rows, then translation."""
     return np.append(projector.rotation, projector.translation_m)
-
-
-def lens_units_at(z: FloatArray, device: PinholeModel) -> FloatArray:
-    """(8,) what one of each unknown of a lens is; of the focal length as a share of what it is now, else in px or 1."""
-    return np.array([1 / z[0], device.width_px, device.height_px, *[1.0] * (len(z) - 3)])
 
 
 def rays_of(camera: PinholeModel, x1: FloatArray) -> FloatArray:

@@ -17,6 +17,7 @@ from calibration.geometry.pinhole import (
     bearings,
     direction_slopes,
     image_of,
+    lens_slope_units,
     lens_slopes,
     rotation_of,
     rotation_slopes,
@@ -228,8 +229,7 @@ class SampsonError:
         lines = self._lines(q)
         result = np.empty((len(q), len(self.x1)))
         for side, x, rows, at in ((lines.of_camera, self.x1, _CAMERA, 0), (lines.of_projector, self.x2, _PROJECTOR, 3)):
-            units = np.array([1 / q[at], side.device.width_px, side.device.height_px, *[1.0] * 5])
-            slopes = lens_slopes(side.device, x, side.rays, units)[rows]
+            slopes = lens_slopes(side.device, x, side.rays, lens_slope_units(side.device, q[at]))[rows]
             result[at : at + len(rows)] = (slopes * lines.by_ray(side)).sum(-1)
             result[at] += lines.by_focal(side) / q[at]
         by_pose = _essential_slopes(q, lines.of_projector.device)

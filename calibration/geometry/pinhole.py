@@ -73,28 +73,6 @@ def distort(plane: FloatArray, distortion: ArrayLike) -> FloatArray:
     return real
 
 
-def distortion_slopes(plane: FloatArray, distortion: ArrayLike) -> tuple[FloatArray, FloatArray]:
-    """(N, 2, 2) derivative of :func:`distort` by the coordinates, and (5, N, 2) by the terms."""
-    k1, k2, p1, p2, k3 = np.asarray(distortion, dtype=np.float64)
-    x, y = plane[:, 0], plane[:, 1]
-    r2 = x * x + y * y
-    radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
-    rise = 2 * (k1 + r2 * (2 * k2 + r2 * 3 * k3))
-    across = x * y * rise + 2 * (p1 * x + p2 * y)
-    by_place = np.empty((len(plane), 2, 2))
-    by_place[:, 0, 0] = radial + x * x * rise + 2 * p1 * y + 6 * p2 * x
-    by_place[:, 1, 1] = radial + y * y * rise + 6 * p1 * y + 2 * p2 * x
-    by_place[:, 0, 1] = by_place[:, 1, 0] = across
-    by_terms = np.empty((_BROWN, len(plane), 2))
-    by_terms[0] = plane * r2[:, None]
-    by_terms[1] = by_terms[0] * r2[:, None]
-    by_terms[4] = by_terms[1] * r2[:, None]
-    by_terms[2, :, 0] = by_terms[3, :, 1] = 2 * x * y
-    by_terms[2, :, 1] = r2 + 2 * y * y
-    by_terms[3, :, 0] = r2 + 2 * x * x
-    return by_place, by_terms
-
-
 def undistort(plane: FloatArray, distortion: ArrayLike, iterations: int = _UNDISTORTIONS) -> FloatArray:
     """(N, 2) ideal image coordinates of real ones: :func:`distort` inverted by fixed-point iteration.
 
@@ -122,6 +100,11 @@ def bearings(
     rays = np.ones((len(plane), 3))
     rays[:, :2] = plane
     return rays
+
+
+def lens_slope_units(device: PinholeModel, focal_share: float) -> FloatArray:
+    """(8,) what one of each unknown of a lens is: of the focal length as a share of what it is now, else in px or 1."""
+    return np.array([1 / focal_share, device.width_px, device.height_px, *[1.0] * _BROWN])
 
 
 def lens_slopes(device: PinholeModel, xy_px: FloatArray, rays: FloatArray, units: FloatArray) -> FloatArray:

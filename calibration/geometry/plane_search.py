@@ -45,8 +45,6 @@ _EPIPOLAR_MEDIANS, _MEDIANS, _LEAST_LIMIT_PX = 10.0, 5.0, 0.4
 """Where planes differ by few pixels of parallax, whole codes' limit would take two for one."""
 _ONE_AXIS = 0.5
 """What a candidate counts that has walls along one direction only: none at right angles."""
-_ROUGHLY = Rounds(limits_px=(1.5,), iterations=12)
-"""A fit that tells which of several guesses may be meant."""
 _FEWER_PLANES = (3, 2)
 _HELD_PX2 = 2.0
 """Variance by which points count while free planes are looked for: a hundred times the usual, so that data sheets hold
@@ -266,7 +264,7 @@ def _adjusted_twice(
         return None
     guessed = _guesses(x1, x2, held, nominal, right_angles=right_angles)
     corners = corner_axes(held.planes, orthogonal_axes(held.planes, _GUESSED_LIMIT_DEG)) if right_angles else []
-    others = [adjust(x1, x2, held.with_planes(held.planes, axes), nominal, rounds=_ROUGHLY) for axes in corners]
+    others = _roughly(x1, x2, held, nominal, axes=corners)
     fits = [fit for fit in (_likeliest(guessed, right_angles, x1), *others) if fit is not None]
     ends = [_found_again(x1, x2, fit, nominal, right_angles=right_angles) for fit in fits]
     squarest = _likeliest(ends, right_angles, x1)
@@ -289,7 +287,7 @@ def _found_again(
     if second is not None and right_angles and (second.axes.of_plane < 0).any():
         # Phantoms among the planes had turned the axes; without them the walls may be square.
         guessed = _guesses(x1, x2, second, nominal, right_angles=True)
-        second = max(second, _likeliest(guessed, True, x1) or second, key=_squareness)
+        second = max(second, _likeliest(guessed, True, x1) or second, key=lambda fit: _merit(fit, True))
     if second is None or _merit(second, right_angles) < _BETTER * _merit(first, right_angles):
         return first
     return second
@@ -300,8 +298,15 @@ def _guesses(
 ) -> list[BundleSolution]:
     """Fit with lenses as free as they are, the planes at right angles in each way that may be meant."""
     square = orthogonal_axes(start.planes, _GUESSED_LIMIT_DEG)
-    guesses = axis_hypotheses(start.planes, square) if right_angles else [None]
-    fits = [adjust(x1, x2, start.with_planes(start.planes, axes), nominal, rounds=_ROUGHLY) for axes in guesses]
+    return _roughly(x1, x2, start, nominal, axes=axis_hypotheses(start.planes, square) if right_angles else [None])
+
+
+def _roughly(
+    x1: FloatArray, x2: FloatArray, start: PlanarScene, nominal: NominalIntrinsics, *, axes: Sequence[Axes | None]
+) -> list[BundleSolution]:
+    """Fit the same planes at right angles in each of several ways, enough to tell which may be meant."""
+    rounds = Rounds(limits_px=(1.5,), iterations=12)
+    fits = (adjust(x1, x2, start.with_planes(start.planes, one), nominal, rounds=rounds) for one in axes)
     return [fit for fit in fits if fit is not None]
 
 
@@ -316,9 +321,8 @@ def _askew(
 ) -> Iterator[BundleSolution]:
     """Yield fits that leave less over: of guesses, and of those in which one of two planes on an axis stands askew."""
     axes = askew_hypotheses(held.planes, orthogonal_axes(held.planes, _GUESSED_LIMIT_DEG))
-    apart = (adjust(x1, x2, held.with_planes(held.planes, one), nominal, rounds=_ROUGHLY) for one in axes)
-    able = [fit for fit in (*guessed, *apart) if fit is not None and fit.left_over < least and explains_a_room(fit)]
-    yield from sorted(able, key=lambda fit: fit.left_over)
+    fits = sorted((*guessed, *_roughly(x1, x2, held, nominal, axes=axes)), key=lambda fit: fit.left_over)
+    yield from (fit for fit in fits if fit.left_over < least and explains_a_room(fit))
 
 
 def _first_fit(x1: FloatArray, x2: FloatArray, start: PlanarScene, nominal: NominalIntrinsics) -> BundleSolution | None:
@@ -386,10 +390,6 @@ def _without_phantoms(
         axes = replace(solution.axes, of_plane=solution.axes.of_plane[stays])
         solution = adjust(x1, x2, solution.with_planes(solution.planes[stays], axes), nominal, rounds=rounds)
     return solution
-
-
-def _squareness(bundle: BundleSolution) -> float:
-    return _merit(bundle, True)
 
 
 def _merit(bundle: BundleSolution, right_angles: bool) -> float:

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from calibration.arrays import FloatArray
-from calibration.geometry.bundle_residual import LandingError, landed, lens_units_at, rays_of
+from calibration.geometry.bundle_residual import LandingError, landed, rays_of
 from calibration.geometry.bundle_unknowns import (
     CAMERA,
     PROJECTOR,
@@ -17,7 +18,7 @@ from calibration.geometry.bundle_unknowns import (
     planes_of,
     turn_slopes_of,
 )
-from calibration.geometry.pinhole import PinholeModel, direction_slopes, distort, distortion_slopes, rotation_slopes
+from calibration.geometry.pinhole import PinholeModel, direction_slopes, distort, lens_slope_units, rotation_slopes
 
 _FAR_PX = 1e4
 
@@ -45,7 +46,7 @@ def landing_slopes(error: LandingError, z: FloatArray) -> FloatArray:
     outwards = _applied(by_point, points)[:, :, None]
     _by_planes(error, z, -outwards * points[:, None, :], result)
     by_ray = (by_point - outwards * planes[:, None, :]) / along[:, :, None]
-    slopes = bearing_slopes(error.x1, rays, camera, lens_units_at(z[CAMERA], camera))
+    slopes = bearing_slopes(error.x1, rays, camera, lens_slope_units(camera, z[CAMERA.start]))
     result[CAMERA] = (by_ray[None, :, :, :2] * slopes[:, :, None, :]).sum(-1)
     return np.asarray(result * error.weight)
 
@@ -64,7 +65,7 @@ def _by_projector(z: FloatArray, projector: PinholeModel, points: FloatArray, re
     depth = np.where(np.abs(local[:, 2:]) > 1e-9, local[:, 2:], 1e-9)
     plane = local[:, :2] / depth
     by_plane, by_terms = distortion_slopes(plane, projector.distortion)
-    focal, units = np.array(projector.focal_px), lens_units_at(z[PROJECTOR], projector)
+    focal, units = np.array(projector.focal_px), lens_slope_units(projector, z[PROJECTOR.start])
     result[PROJECTOR] = _by_lens(distort(plane, projector.distortion), by_terms, focal, units)
     by_local = np.empty((len(points), 2, 3))
     by_local[:, :, :2] = focal[:, None] * by_plane / depth[:, :, None]
@@ -93,3 +94,25 @@ def _by_lens(real: FloatArray, by_terms: FloatArray, focal: FloatArray, units: F
     result = np.zeros((len(units), *real.shape))
     result[0], result[1, :, 0], result[2, :, 1], result[3:] = focal * real, 1, 1, focal * by_terms
     return np.asarray(units[:, None, None] * result)
+
+
+def distortion_slopes(plane: FloatArray, distortion: ArrayLike) -> tuple[FloatArray, FloatArray]:
+    """(N, 2, 2) derivative of a distorted point by its coordinates, and (5, N, 2) by the terms."""
+    k1, k2, p1, p2, k3 = np.asarray(distortion, dtype=np.float64)
+    x, y = plane[:, 0], plane[:, 1]
+    r2 = x * x + y * y
+    radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
+    rise = 2 * (k1 + r2 * (2 * k2 + r2 * 3 * k3))
+    across = x * y * rise + 2 * (p1 * x + p2 * y)
+    by_place = np.empty((len(plane), 2, 2))
+    by_place[:, 0, 0] = radial + x * x * rise + 2 * p1 * y + 6 * p2 * x
+    by_place[:, 1, 1] = radial + y * y * rise + 6 * p1 * y + 2 * p2 * x
+    by_place[:, 0, 1] = by_place[:, 1, 0] = across
+    by_terms = np.empty((5, len(plane), 2))
+    by_terms[0] = plane * r2[:, None]
+    by_terms[1] = by_terms[0] * r2[:, None]
+    by_terms[4] = by_terms[1] * r2[:, None]
+    by_terms[2, :, 0] = by_terms[3, :, 1] = 2 * x * y
+    by_terms[2, :, 1] = r2 + 2 * y * y
+    by_terms[3, :, 0] = r2 + 2 * x * x
+    return by_place, by_terms

@@ -6,11 +6,18 @@ import numpy as np
 import pytest
 
 from calibration import _kernel
-from calibration.geometry.bundle_residual import LandingError, lens_units_at, rays_of
+from calibration.geometry.bundle_residual import LandingError, rays_of
 from calibration.geometry.bundle_unknowns import CAMERA, PlanarScene, devices_of, unknowns_of
 from calibration.geometry.epipolar import models_of, nominal_unknowns
 from calibration.geometry.known.nominal import NominalIntrinsics
-from calibration.geometry.pinhole import defined_image, fold_squared, image_of, lens_slopes, rotation_of
+from calibration.geometry.pinhole import (
+    defined_image,
+    fold_squared,
+    image_of,
+    lens_slope_units,
+    lens_slopes,
+    rotation_of,
+)
 from calibration.geometry.planes import Axes
 from calibration.reference.landing import bearing_slopes, landing_errors, landing_slopes
 
@@ -68,7 +75,7 @@ def test_slopes_are_those_of_the_landings() -> None:
 def test_bearings_move_as_defined() -> None:
     error, z = fitted(5)
     camera, _ = devices_of(z, NOMINAL)
-    rays, units = rays_of(camera, error.x1), lens_units_at(z[CAMERA], camera)
+    rays, units = rays_of(camera, error.x1), lens_slope_units(camera, z[CAMERA.start])
     expected = bearing_slopes(error.x1, rays, camera, units)
     assert np.allclose(lens_slopes(camera, error.x1, rays, units), expected, rtol=1e-9, atol=1e-12)
 
