@@ -150,10 +150,23 @@ class RayTree:
         light: NDArray[float64],
         means: NDArray[float64],
     ) -> None: ...
+    def land(
+        self,
+        rows: NDArray[int64],
+        stream: int,
+        places: NDArray[float64],
+        values: NDArray[float64],
+        met: NDArray[int32],
+        landed: NDArray[float64],
+        has: NDArray[float64],
+    ) -> None: ...
     def trace(
         self, origins: NDArray[float32], directions: NDArray[float32], met: NDArray[int32], at: NDArray[float32]
     ) -> None: ...
 
+def sixteenths(
+    vertices: NDArray[float64], corners: NDArray[float64], centres: NDArray[float64], areas: NDArray[float64]
+) -> None: ...
 def exchange_areas(
     rows: list[NDArray[int64]],
     met: list[NDArray[int32]],

@@ -7,13 +7,28 @@ from functools import cached_property
 
 import numpy as np
 
+from sim import _kernel
 from sim.arrays import BoolArray, FloatArray, IntArray
 from sim.geometry.scene import Face, Scene, intersect
 from sim.geometry.surface import Surface
 
 ON_PLANE = 1e-9
 """Distance from a plane, over the scene's size, up to which an edge lies in it."""
+PIECES = 16
+"""Of a patch that is cut into quarters twice."""
 PER_PATCH = ("vertices", "reflectance", "region", "whole")
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Sixteenths:
+    """Pieces of P patches; piece k of patch p is number k P + p."""
+
+    corners: FloatArray
+    """(16 P, 4, 3) [m]."""
+    centres: FloatArray
+    """(16 P, 3) centroids [m]."""
+    areas: FloatArray
+    """(16 P,) [m²]."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -139,6 +154,20 @@ class AdaptivePatches:
         once = self.halves(np.zeros(self.n_patches, dtype=np.intp))
         return once.halves(np.ones(once.n_patches, dtype=np.intp))
 
+    def sixteenths(self) -> Sixteenths:
+        """Return the quarters of the quarters of all patches, natively: a plan asks for them often, and for no more.
+
+        Returns
+        -------
+        Sixteenths
+            ``quarters().quarters()`` as arrays.
+        """
+        count = PIECES * self.n_patches
+        found = Sixteenths(corners=np.empty((count, 4, 3)), centres=np.empty((count, 3)), areas=np.empty(count))
+        vertices = np.ascontiguousarray(self.vertices, dtype=np.float64)
+        _kernel.sixteenths(vertices, corners=found.corners, centres=found.centres, areas=found.areas)
+        return found
+
 
 def joined(first: AdaptivePatches, second: AdaptivePatches) -> AdaptivePatches:
     """Return two sets of patches of one scene as one, the first before the second."""
@@ -150,8 +179,14 @@ def joined(first: AdaptivePatches, second: AdaptivePatches) -> AdaptivePatches:
 def triangles(vertices: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return areas (P, 2) [m²] and centroids (P, 2, 3) [m] of the two triangles of each patch (P, 4, 3)."""
     a, b, c, d = np.moveaxis(vertices, 1, 0)
-    areas = [np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2, np.linalg.norm(np.cross(c - a, d - a), axis=1) / 2]
-    return np.stack(areas, axis=1), np.stack([(a + b + c) / 3, (a + c + d) / 3], axis=1)
+    areas = np.stack([_area_between(b - a, c - a), _area_between(c - a, d - a)], axis=1)
+    return areas, np.stack([(a + b + c) / 3, (a + c + d) / 3], axis=1)
+
+
+def _area_between(one: FloatArray, other: FloatArray) -> FloatArray:
+    """(P,) areas of triangles with these edges: numpy's cross product and norm, in a third of their time."""
+    (x, y, z), (u, v, w) = one.T, other.T
+    return np.asarray(np.sqrt((y * w - z * v) ** 2 + (z * u - x * w) ** 2 + (x * v - y * u) ** 2) / 2)
 
 
 def _halves(vertices: FloatArray, along: IntArray, triangular: BoolArray) -> tuple[FloatArray, FloatArray]:

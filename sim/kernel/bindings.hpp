@@ -9,6 +9,7 @@ void bind_polygon(nanobind::module_ &m);
 void bind_occlusion(nanobind::module_ &m);
 void bind_compressed(nanobind::module_ &m);
 void bind_sampling(nanobind::module_ &m);
+void bind_sixteenths(nanobind::module_ &m);
 void bind_exchange(nanobind::module_ &m);
 void bind_solve(nanobind::module_ &m);
 void bind_image(nanobind::module_ &m);

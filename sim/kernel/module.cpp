@@ -15,6 +15,7 @@ NB_MODULE(_kernel, m) {
     bind_occlusion(m);
     bind_compressed(m);
     bind_sampling(m);
+    bind_sixteenths(m);
     bind_exchange(m);
     bind_solve(m);
     bind_image(m);

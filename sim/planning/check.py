@@ -8,10 +8,10 @@ import numpy as np
 
 from sim.arrays import FloatArray
 from sim.form_factors.factors import Visibility
-from sim.geometry.adaptive_patches import AdaptivePatches
+from sim.geometry.adaptive_patches import PIECES, AdaptivePatches
 from sim.light.lighting import Lighting
 from sim.planning.cost import largest_dense
-from sim.planning.linear_light import PIECES, Senders, gathered
+from sim.planning.linear_light import Senders, gathered
 from sim.planning.methods import largest_sampled
 from sim.planning.simulation import SLOPES_NOISE, Model, Simulation, simulate
 from sim.progress import OnProgress, unheard

@@ -21,13 +21,12 @@ from scipy.ndimage import uniform_filter1d
 
 from sim.arrays import BoolArray, FloatArray, IntArray
 from sim.form_factors.sampled import RaySample, tree_of
-from sim.geometry.adaptive_patches import AdaptivePatches, triangles
+from sim.geometry.adaptive_patches import PIECES, AdaptivePatches, Sixteenths
 from sim.geometry.rays import plane_axes
 from sim.geometry.surface import Surface
 from sim.light.sampled_light import GAIN, along_curve
 from sim.planning.adapt import gradients
 
-PIECES = 16
 SEEN_OF_LINEAR = 15 / 16
 """Share of the squared variation of a linear field that shows between the sixteenths of a patch."""
 SEEN_OF_BEND, SEEN_OF_STEP = 0.7, 0.47
@@ -141,34 +140,34 @@ def gathered(cells: AdaptivePatches, own: IntArray, senders: Senders, *, rays: i
     return _gathered(_sixteenths(cells), own, senders, rays=rays, stream=stream)
 
 
-def _gathered(corners: list[FloatArray], own: IntArray, senders: Senders, *, rays: int, stream: int) -> FloatArray:
+def _gathered(cut: list[Sixteenths], own: IntArray, senders: Senders, *, rays: int, stream: int) -> FloatArray:
     """(16, P, 2) as :func:`gathered`, of the sixteenths' corners, some patches at a time."""
     tree, fields = tree_of(senders.surface), np.ascontiguousarray(senders.fields)
     parts, first = [], 0
-    for some in corners:
-        count = len(some) // PIECES
+    for some in cut:
+        count = len(some.areas) // PIECES
         lies_on = np.tile(own[first : first + count], PIECES).astype(np.int64)
-        means = np.empty((len(some), 2))
-        tree.gather(some, lies_on, stream, rays, light=fields, means=means)
+        means = np.empty((len(some.areas), 2))
+        tree.gather(some.corners, lies_on, stream, rays, light=fields, means=means)
         parts.append(means.reshape(PIECES, count, 2))
         first += count
     return np.concatenate(parts, axis=1)
 
 
-def _sixteenths(cells: AdaptivePatches) -> list[FloatArray]:
-    """Corners (16 P, V, 3) of the sixteenths of some patches at a time [m]."""
+def _sixteenths(cells: AdaptivePatches) -> list[Sixteenths]:
+    """Those of some patches at a time."""
     parts = []
     for first in range(0, cells.n_patches, PATCHES_AT_A_TIME):
         place = np.arange(first, min(first + PATCHES_AT_A_TIME, cells.n_patches))
-        parts.append(np.ascontiguousarray(cells.chosen(place).quarters().quarters().vertices))
+        parts.append(cells.chosen(place).sixteenths())
     return parts
 
 
 def variation_within(cells: AdaptivePatches, own: IntArray, senders: Senders, *, rays: int, stream: int) -> Variation:
     """Return how the irradiance varies within patches; arguments as for :func:`gathered`, of two streams of rays."""
-    corners = _sixteenths(cells)
-    offset, share = _pieces(cells, corners)
-    both = [_gathered(corners, own, senders, rays=rays, stream=number) for number in (stream, stream + 1)]
+    cut = _sixteenths(cells)
+    offset, share = _pieces(cells, cut)
+    both = [_gathered(cut, own, senders, rays=rays, stream=number) for number in (stream, stream + 1)]
     means = [np.einsum("np,npk->pk", share, light) for light in both]
     one, other = (light[..., 1] - mean[:, 1] for light, mean in zip(both, means, strict=True))
     left, right = (_beside_linear(light, offset, share) for light in (one, other))
@@ -198,16 +197,11 @@ def _inverse(moments: FloatArray) -> FloatArray:
     return np.asarray(np.linalg.pinv(moments, rcond=1e-9, hermitian=True))
 
 
-def _pieces(cells: AdaptivePatches, corners: list[FloatArray]) -> tuple[FloatArray, FloatArray]:
+def _pieces(cells: AdaptivePatches, cut: list[Sixteenths]) -> tuple[FloatArray, FloatArray]:
     """(16, P, 2) places of the sixteenths about each patch's centre [m], and (16, P) shares of its area."""
-    areas, places = [], []
-    for some in corners:
-        halves, centres = triangles(some)
-        whole = halves.sum(axis=1)
-        places.append(((halves[..., None] * centres).sum(axis=1) / whole[:, None]).reshape(PIECES, -1, 3))
-        areas.append(whole.reshape(PIECES, -1))
-    place = np.concatenate(places, axis=1) - cells.centres
-    return np.einsum("npk,pak->npa", place, plane_axes(cells)), np.concatenate(areas, axis=1) / cells.areas
+    place = np.concatenate([some.centres.reshape(PIECES, -1, 3) for some in cut], axis=1) - cells.centres
+    areas = np.concatenate([some.areas.reshape(PIECES, -1) for some in cut], axis=1)
+    return np.einsum("npk,pak->npa", place, plane_axes(cells)), areas / cells.areas
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -1,4 +1,6 @@
 // Sampled form factors as Python sees them: which patches the rays of a patch meet.
+#include <limits>
+
 #include "arrays.hpp"
 #include "bindings.hpp"
 #include "interrupt.hpp"
@@ -56,6 +58,22 @@ class RayTree {
         interruption.finish();
     }
 
+    // Where the rays of each row land: the polygon, the place, and what the nearest of some places in that polygon has.
+    // What `met` misses has 0 and no place.
+    void land(In<std::int64_t, 1> rows, std::uint32_t stream, In<double, 3> places, In<double, 2> values,
+              Out<std::int32_t, 2> met, Out<double, 3> landed, Out<double, 2> has) const {
+        const auto n = static_cast<std::int64_t>(rows.shape(0)), count = static_cast<std::int64_t>(met.shape(1));
+        const SobolPoints points(0, static_cast<std::uint32_t>(count));
+        const Marks marks{places.data(), values.data(), static_cast<std::int64_t>(places.shape(1))};
+        Interruption interruption;
+#pragma omp parallel for schedule(dynamic, 16)
+        for (std::int64_t k = 0; k < n; ++k)
+            if (!interruption.stopped())
+                land_row(rows.data()[k], stream, points, marks,
+                         Landings{count, met.data() + k * count, landed.data() + 3 * k * count, has.data() + k * count});
+        interruption.finish();
+    }
+
     // The first polygon that any ray meets.
     void trace(In<float, 2> origins, In<float, 2> directions, Out<std::int32_t, 1> met, Out<float, 1> at) const {
         const auto n = static_cast<std::int64_t>(met.shape(0));
@@ -81,6 +99,49 @@ class RayTree {
     }
 
   private:
+    // Places in each polygon, and what each has.
+    struct Marks {
+        const double *places, *values;
+        std::int64_t each;
+
+        double nearest(std::int64_t polygon, const double *to) const {
+            std::int64_t found = 0;
+            double least = std::numeric_limits<double>::infinity();
+            for (std::int64_t mark = each * polygon; mark < each * (polygon + 1); ++mark) {
+                const double *at = places + 3 * mark;
+                const double x = at[0] - to[0], y = at[1] - to[1], z = at[2] - to[2], squared = x * x + y * y + z * z;
+                if (squared < least) least = squared, found = mark;
+            }
+            return values[found];
+        }
+    };
+
+    struct Landings {
+        std::int64_t count;
+        std::int32_t *met;
+        double *landed, *has;
+    };
+
+    void land_row(std::int64_t row, std::uint32_t stream, const SobolPoints &points, const Marks &marks,
+                  const Landings &out) const {
+        trace_row(corners_.data() + 12 * row, row, stream, points, out.count,
+                  [&](const RayBlock &rays, std::int64_t start) {
+                      for (int k = 0; k < rays.n; ++k) {
+                          double *place = out.landed + 3 * (start + k);
+                          const bool missed = rays.met[k] < 0;
+                          for (int axis = 0; axis < 3; ++axis)
+                              place[axis] = missed ? 0 : landing(rays, k, axis);
+                          out.met[start + k] = rays.met[k];
+                          out.has[start + k] = missed ? 0 : marks.nearest(rays.met[k], place);
+                      }
+                  });
+    }
+
+    double landing(const RayBlock &rays, int k, int axis) const {
+        return rays.origin[axis][k] + static_cast<double>(rays.at[k]) * rays.direction[axis][k] +
+               component(tree_.middle, axis);
+    }
+
     // light: of each polygon its mean, and the linear field's value at the origin and gradient.
     void gather_row(const double *piece, std::int64_t own, std::uint32_t stream, const SobolPoints &points,
                     std::int64_t count, const double *light, double *means) const {
@@ -89,12 +150,9 @@ class RayTree {
             for (int k = 0; k < rays.n; ++k) {
                 if (rays.met[k] < 0) continue;
                 const double *field = light + 5 * rays.met[k];
-                const auto place = [&](int axis) {
-                    return rays.origin[axis][k] + static_cast<double>(rays.at[k]) * rays.direction[axis][k] +
-                           component(tree_.middle, axis);
-                };
                 constant += field[0];
-                linear += field[1] + field[2] * place(0) + field[3] * place(1) + field[4] * place(2);
+                linear += field[1] + field[2] * landing(rays, k, 0) + field[3] * landing(rays, k, 1) +
+                          field[4] * landing(rays, k, 2);
             }
         });
         means[0] = constant / static_cast<double>(count);
@@ -165,6 +223,8 @@ void bind_sampling(nb::module_ &m) {
              nb::arg("values"), nb::arg("means"), unlocked)
         .def("gather", &RayTree::gather, nb::arg("pieces"), nb::arg("own"), nb::arg("stream"), nb::arg("count"),
              nb::arg("light"), nb::arg("means"), unlocked)
+        .def("land", &RayTree::land, nb::arg("rows"), nb::arg("stream"), nb::arg("places"), nb::arg("values"),
+             nb::arg("met"), nb::arg("landed"), nb::arg("has"), unlocked)
         .def("trace", &RayTree::trace, nb::arg("origins"), nb::arg("directions"), nb::arg("met"), nb::arg("at"),
              unlocked);
 }

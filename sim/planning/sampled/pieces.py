@@ -112,7 +112,8 @@ class Pieces:
 
         Its own noise is added to its square.
         """
-        rays = int(np.clip(SENDER_RAYS // self.start.n_patches, FEWEST_SENDER_RAYS, MOST_SENDER_RAYS))
+        each = int(np.clip(SENDER_RAYS // self.start.n_patches, FEWEST_SENDER_RAYS, MOST_SENDER_RAYS))
+        rays = 1 << (each.bit_length() - 1)
         while True:
             # What reaches a pocket where light is trapped bounces there many times.
             one, other = (

@@ -12,19 +12,17 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
-from sim.arrays import FloatArray, IntArray
-from sim.geometry.adaptive_patches import AdaptivePatches
-from sim.geometry.rays import trace
-from sim.light.gloss.exchange import cosine_directions, points_on
-from sim.light.gloss.walks import even_points
+from sim.arrays import FloatArray
+from sim.form_factors.sampled import tree_of
+from sim.geometry.adaptive_patches import PIECES, AdaptivePatches
 from sim.light.lighting import Emission, Lighting
-from sim.planning.linear_light import PIECES
 
-RECEIVERS_AT_A_TIME = 1 << 11
-"""Their rays' places among sixteenths take some 100 MB."""
-ABOVE = 1e-9
-"""Of the surface's size, by which rays begin above the patch that they leave."""
+RAYS_AT_A_TIME = 1 << 19
+"""Where they land takes some 20 MB."""
+OTHER_STREAM = 1 << 16
+"""Rays other than those that tell the light of sixteenths."""
 VARIES = 1e-12
 """Variance of the lamp's light within a patch, from which it is asked for at points."""
 
@@ -43,8 +41,9 @@ class UnevenSenders:
 
     @cached_property
     def places(self) -> FloatArray:
-        """(16, P, 3) centres of sixteenths. [m]."""
-        return self.cells.quarters().quarters().centres.reshape(PIECES, -1, 3)
+        """(P, 16, 3) centres of sixteenths. [m]."""
+        centres = self.cells.sixteenths().centres
+        return np.ascontiguousarray(centres.reshape(PIECES, -1, 3).swapaxes(0, 1))
 
     def shifts(self, rays: int, seed: int) -> tuple[FloatArray, FloatArray]:
         """Return twice (P,) the irradiance that senders of one number miss, with noise that is independent.
@@ -52,41 +51,31 @@ class UnevenSenders:
         Parameters
         ----------
         rays : int
-            From each patch.
+            From each patch: a power of 2, of which they are most even.
         seed : int
             Of the rays.
         """
-        one, other = (self._shift(stream, rays, seed) for stream in (0, 1))
+        one, other = (
+            self._shift(np.ascontiguousarray(pieces.T), rays, seed + OTHER_STREAM + stream)
+            for stream, pieces in enumerate(self.pieces)
+        )
         return one, other
 
-    def _shift(self, stream: int, rays: int, seed: int) -> FloatArray:
-        cells, points = self.cells, even_points(rays, 4)
-        above_m = ABOVE * float(np.ptp(cells.vertices.reshape(-1, 3), axis=0).max())
-        found = []
-        for first in range(0, cells.n_patches, RECEIVERS_AT_A_TIME):
-            some = np.arange(first, min(first + RECEIVERS_AT_A_TIME, cells.n_patches))
-            random = np.random.default_rng((seed, stream, first))
-            chances = ((points + random.uniform(size=(len(some), 1, 4))) % 1.0).reshape(-1, 4)
-            patch = np.repeat(some, rays)
-            begin = points_on(cells, patch, chances[:, :2]) + above_m * cells.normals[patch]
-            ways = cosine_directions(cells, patch, chances[:, 2:])
-            hits = trace(cells, begin, ways)
-            met = np.flatnonzero((hits.patch >= 0) & (hits.cos_incidence > 0))
-            missed = np.zeros(len(patch))
-            landed = begin[met] + hits.distance[met, None] * ways[met]
-            missed[met] = self._missed(hits.patch[met], landed, stream)
-            found.append(missed.reshape(-1, rays).mean(axis=1))
-        return np.concatenate(found)
+    def _shift(self, pieces: FloatArray, rays: int, stream: int) -> FloatArray:
+        tree, count = tree_of(self.cells), self.cells.n_patches
+        found, at_a_time = np.empty(count), max(RAYS_AT_A_TIME // rays, 1)
+        for first in range(0, count, at_a_time):
+            rows = np.arange(first, min(first + at_a_time, count))
+            met = np.empty((len(rows), rays), np.int32)
+            landed_m, over = np.empty((*met.shape, 3)), np.empty(met.shape)
+            tree.land(rows, stream, self.places, pieces, met=met, landed=landed_m, has=over)
+            self._add_lamp(met, landed_m, over)
+            found[rows] = (np.where(met >= 0, self.cells.reflectance[met], 0.0) * over).mean(axis=1)
+        return found
 
-    def _missed(self, sender: IntArray, points_m: FloatArray, stream: int) -> FloatArray:
-        """(N,) radiosity that patches have at points over that which they are taken to send."""
-        cells, nearest, least = self.cells, np.zeros(len(sender), dtype=np.intp), np.full(len(sender), np.inf)
-        for k in range(PIECES):
-            squared = ((self.places[k, sender] - points_m) ** 2).sum(axis=1)
-            nearest, least = np.where(squared < least, k, nearest), np.minimum(squared, least)
-        over = self.pieces[stream][nearest, sender]
-        edged = np.flatnonzero(self.lit.variance[sender] > VARIES)
-        on = sender[edged]
-        lamp = self.light.irradiance(points_m[edged], cells.normals[on], cells.region[on])
+    def _add_lamp(self, met: NDArray[np.int32], landed_m: FloatArray, over: FloatArray) -> None:
+        """Add what the lamp's light has over its patch's mean where rays land, if it varies there."""
+        edged = np.nonzero((met >= 0) & (self.lit.variance > VARIES)[met])
+        on = met[edged]
+        lamp = self.light.irradiance(landed_m[edged], self.cells.normals[on], self.cells.region[on])
         over[edged] += lamp - self.lit.irradiance[on]
-        return np.asarray(cells.reflectance[sender] * over)

@@ -36,6 +36,24 @@ def test_halves_keep_area_side_and_plane(surface):
     assert centres == pytest.approx(cells.centres)
 
 
+def drawn_patches(seed):
+    """Triangles and flat quads of all shapes and sizes, anywhere."""
+    draw = np.random.default_rng(seed)
+    a, b, c = draw.normal(size=(3, 60, 3)) * 10.0 ** draw.uniform(-2, 2, (60, 1))
+    d = np.where(np.arange(60)[:, None] % 2, a + c - b + draw.uniform(-0.4, 0.4, (60, 1)) * (c - a), c)
+    return coarsest_patches(Mesh(name="drawn", vertices=np.stack([a, b, c, d], axis=1), reflectance=np.full(60, 0.5)))
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_sixteenths_are_the_quarters_of_quarters_to_the_last_bit(seed):
+    cells = drawn_patches(seed)
+    found, defined = cells.sixteenths(), cells.quarters().quarters()
+    assert (found.corners == defined.vertices).all()
+    assert found.areas == pytest.approx(defined.areas, rel=1e-12)
+    size = np.ptp(defined.vertices, axis=1).max(axis=1, keepdims=True)
+    assert (np.abs(found.centres - defined.centres) <= 1e-12 * (size + np.abs(defined.centres))).all()
+
+
 def test_a_room_begins_with_a_cell_a_face():
     assert coarsest_patches(paper_room()).n_patches == 6
     assert coarsest_patches(corner()).n_patches == 3

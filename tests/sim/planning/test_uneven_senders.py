@@ -5,6 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from sim import _kernel
+from sim.form_factors.sampled import tree_of
 from sim.geometry.adaptive_patches import coarsest_patches
 from sim.geometry.mesh import Mesh
 from sim.light.lighting import Emission, Lighting, emission, make_test_lighting
@@ -12,6 +14,7 @@ from sim.planning.linear_light import Senders, variation_within
 from sim.planning.sampled.uneven_senders import UnevenSenders
 from sim.planning.simulation import Model, simulate
 from sim.scenes.cluttered import random_corner
+from sim.threads import set_threads
 
 RAYS = Model(method="rays", visibility="rays", residual=1e-6, sampling=1e-3)
 
@@ -42,6 +45,47 @@ def test_shadows_and_the_lamps_edges_within_senders_change_receivers_by_what_six
     one, other = (cells.reflectance * shift for shift in senders.shifts(256, 3))
     # The truth has the bounces after it, too.
     assert 0.6 * true_shift(cells, light) < rms_of(cells, one, other) < 1.3 * true_shift(cells, light)
+
+
+def landings(cells, stream=3, rays=64):
+    """What rays of all patches meet, where, and what the nearest of 16 places there has: numbers of their own."""
+    tree, rows = tree_of(cells), np.arange(cells.n_patches)
+    places = np.ascontiguousarray(cells.sixteenths().centres.reshape(16, -1, 3).swapaxes(0, 1))
+    values = np.arange(16.0 * cells.n_patches).reshape(-1, 16)
+    met, sampled = (np.empty((cells.n_patches, rays), np.int32) for _ in range(2))
+    landed_m, has = np.empty((*met.shape, 3)), np.empty(met.shape)
+    tree.land(rows, stream, places, values, met=met, landed=landed_m, has=has)
+    tree.sample(rows, stream, 0, sampled)
+    return met, sampled, places, landed_m, has
+
+
+def test_rays_land_on_what_they_meet_and_bring_what_the_nearest_place_there_has():
+    cells = coarsest_patches(random_corner(2, 300))
+    met, sampled, places, landed_m, has = landings(cells)
+    assert (met == sampled).all()
+    assert 0.2 < (met >= 0).mean() < 1
+    assert (has[met < 0] == 0).all()
+    assert (landed_m[met < 0] == 0).all()
+    on, points_m = met[met >= 0], landed_m[met >= 0]
+    off_plane_m = ((points_m - cells.centres[on]) * cells.normals[on]).sum(axis=1)
+    assert np.abs(off_plane_m).max() < 1e-5 * np.ptp(cells.vertices)
+    squared = ((places[on] - points_m[:, None]) ** 2).sum(axis=2)
+    assert (has[met >= 0] == 16 * on + squared.argmin(axis=1)).all()
+
+
+def test_rays_land_at_the_same_bits_on_any_number_of_threads_and_any_instructions():
+    cells = coarsest_patches(random_corner(2, 300))
+    threads, instructions = _kernel.threads(), _kernel.instruction_set()
+    try:
+        found = []
+        for count, name in ((1, "baseline"), (2, instructions)):
+            set_threads(count)
+            _kernel.set_instruction_set(name)
+            found.append(landings(cells))
+    finally:
+        set_threads(threads)
+        _kernel.set_instruction_set(instructions)
+    assert all((one == other).all() for one, other in zip(*found, strict=True))
 
 
 def test_senders_that_are_even_change_nothing():
