@@ -155,8 +155,9 @@ class StillPort:
             path = self._camera.capture(self._library.GP_CAPTURE_IMAGE)
             file = self._camera.file_get(path.folder, path.name, self._library.GP_FILE_TYPE_NORMAL)
             data = bytes(memoryview(file.get_data_and_size()))  # a copy: the view dangles when the file goes
-        with suppress(self._library.GPhoto2Error):  # it may have kept none
-            self._camera.file_delete(path.folder, path.name)
+        if self._folder is None:  # a virtual card is as full as before, 0.2 s later
+            with suppress(self._library.GPhoto2Error):  # it may have kept none
+                self._camera.file_delete(path.folder, path.name)
         return data
 
     def _change_virtual_card(self) -> None:

@@ -2,6 +2,9 @@
 
 import sys
 from collections.abc import Mapping
+from contextlib import closing
+from types import SimpleNamespace
+from unittest.mock import MagicMock
 
 import cv2
 import numpy as np
@@ -9,6 +12,7 @@ import pytest
 
 from rig.devices.clock import VirtualClock
 from rig.devices.gphoto2 import camera as still
+from rig.devices.gphoto2 import port
 from rig.devices.gphoto2.camera import StillCamera, StillOptions, from_profile, seconds
 from rig.devices.gphoto2.pictures import WantedPicture, from_jpeg, from_raw
 from rig.devices.gphoto2.port import library, named
@@ -54,6 +58,49 @@ class FakePort:
 
     def close(self) -> None:
         pass
+
+
+class FakeLibrary:
+    """gphoto2 with one camera at a USB port, which keeps a picture on its card."""
+
+    GP_CAPTURE_IMAGE = GP_FILE_TYPE_NORMAL = 0
+
+    class GPhoto2Error(Exception):
+        code = -1
+
+    def __init__(self, *, deletes: bool):
+        self.deletes, self.card = deletes, list[str]()
+        self.PortInfoList = MagicMock()
+
+    def Camera(self) -> "FakeLibrary":
+        return self
+
+    def set_port_info(self, port: object) -> None: ...
+    def init(self) -> None: ...
+    def exit(self) -> None: ...
+
+    def capture(self, _kind: int) -> SimpleNamespace:
+        self.card.append("IMG_0002.JPG")
+        return SimpleNamespace(folder="/", name=self.card[-1])
+
+    def file_get(self, _folder: str, name: str, _kind: int) -> SimpleNamespace:
+        return SimpleNamespace(get_data_and_size=lambda: name.encode())
+
+    def file_delete(self, _folder: str, name: str) -> None:
+        if not self.deletes:
+            raise self.GPhoto2Error
+        self.card.remove(name)
+
+
+@pytest.mark.parametrize("deletes", [True, False], ids=["", "of which the card is locked"])
+def test_a_camera_keeps_no_picture_that_was_fetched_if_it_can_help_it(
+    monkeypatch: pytest.MonkeyPatch, deletes: bool
+) -> None:
+    fake = FakeLibrary(deletes=deletes)
+    monkeypatch.setattr(port, "library", lambda: fake)
+    with closing(port.StillPort("usb:001,004", "the camera")) as opened_port:
+        assert [opened_port.release(1e-3) for _ in range(3)] == [b"IMG_0002.JPG"] * 3
+    assert len(fake.card) == (0 if deletes else 3)
 
 
 def opened(
