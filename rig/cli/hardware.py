@@ -51,7 +51,7 @@ def check(
     """Open a rig and measure what every rig must keep; prints values for its profile.
 
     Parts: latency, exposure, pipeline, flicker, linearity, noise, saturation, pixels, darkness, additivity, checker,
-    ramp, stability.
+    ramp, view, stability.
 
     Example: rig check -p sim-room --only latency,noise --report check.html
     """

@@ -15,6 +15,7 @@ from calibration.structured_light.patterns import flat
 from rig.capture.rig import Rig
 from rig.devices.protocols import RawFrame
 from rig.errors import CaptureTimeout
+from rig.self_check.compression import is_compressed
 from rig.self_check.limits import CheckLimits
 
 _LIT_SHARE = 0.3
@@ -120,6 +121,11 @@ class RigUnderTest:
     def black(self) -> FloatArray:
         """(H, W) mean of some frames of projector black. [dn]."""
         return np.asarray(np.mean([self.photograph(0, "black") for _ in range(3)], axis=0))
+
+    @cached_property
+    def is_compressed(self) -> bool:
+        """Whether frames come as JPEG."""
+        return is_compressed(self.photograph(255, "white"), self.photograph(255, "white"))
 
     @cached_property
     def offset_dn(self) -> float:

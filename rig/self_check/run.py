@@ -11,12 +11,12 @@ from rig.capture.rig import Rig, open_rig
 from rig.devices.protocols import Advising
 from rig.errors import CalibrationFailed, CaptureTimeout, SettingRefused, UsageError
 from rig.profile.schema import Profile, load_profile
-from rig.records import Record, Verdict
+from rig.records import Record, Verdict, all_met
 from rig.self_check.parts.additivity import check_additivity
 from rig.self_check.parts.checker import check_checker
 from rig.self_check.parts.darkness import check_darkness
 from rig.self_check.parts.exposure import PATIENCE_S, check_exposure, prepare_rig, with_generous_latency
-from rig.self_check.parts.flicker import check_flicker
+from rig.self_check.parts.flicker import ROOM, Flicker, check_flicker
 from rig.self_check.parts.latency import Latency, check_latency
 from rig.self_check.parts.linearity import (
     CameraCurve,
@@ -79,6 +79,7 @@ _PARTS: Mapping[str, Callable[[_Check], PartResult[Record]]] = {
     "view": lambda check: check_view(check.tested, check.curve, check.sweep),
     "stability": lambda check: check_stability(check.tested, check.reference_image),
 }
+_SPOILED_BY_FLICKER = frozenset(_PARTS) - {"exposure", "pipeline", "flicker"}
 PARTS = ("latency", *_PARTS)
 """What `--only` knows, in the order in which it is measured."""
 
@@ -153,6 +154,7 @@ def check_rig(rig: Rig, profile: Profile, on_step: OnStep, parts: Sequence[str] 
             measured[name] = _measure(name, on_step, partial(_PARTS[name], check))
             if name == "view" and latency is not None and measured[name].numbers is None:
                 measured |= _with_more_patience(check, measured, on_step)
+    measured = _blaming_the_room(measured)
     measured["frames"] = _rejections(tested)
     if isinstance(rig.camera, Advising):
         measured["transport"] = _transport(rig.camera)
@@ -164,6 +166,21 @@ def check_rig(rig: Rig, profile: Profile, on_step: OnStep, parts: Sequence[str] 
         frames_rejected=sum(tested.rejected().values()),
         latency_s=_distribution(latency) if latency else None,
     )
+
+
+def _blaming_the_room(measured: Mapping[str, PartResult[Record]]) -> dict[str, PartResult[Record]]:
+    """Where the room's light flickers, what it may have spoiled as well says so first: its own advice misleads."""
+    flicker = measured.get("flicker")
+    if flicker is None or not isinstance(flicker.numbers, Flicker) or flicker.numbers.where != ROOM:
+        return dict(measured)
+    if all_met(flicker.verdicts):
+        return dict(measured)
+    return {name: _blamed(part) if name in _SPOILED_BY_FLICKER else part for name, part in measured.items()}
+
+
+def _blamed(part: PartResult[Record]) -> PartResult[Record]:
+    first = "the room's light that flickers (above) can do this alone: switch it off and check again; if it stays, "
+    return replace(part, verdicts=tuple(v if v.met else replace(v, advice=first + v.advice) for v in part.verdicts))
 
 
 def _with_more_patience(

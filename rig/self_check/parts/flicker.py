@@ -30,6 +30,7 @@ _LIT_ROW = 0.1
 """Of its width: rows with fewer lit pixels are left out."""
 _PEAK = 14.0
 """Power of a peak over the mean of the others: chance reaches it once in ten thousand series of this length."""
+ROOM = "room"
 _ROOM_LIGHT_HZ = {"room light on 50 Hz mains": 100.0, "room light on 60 Hz mains": 120.0}
 
 
@@ -82,7 +83,7 @@ def check_flicker(tested: RigUnderTest) -> PartResult[Flicker]:
     spectrum = spectrum_of(times_s, steady)
     source, light_hz = named(spectrum.peak_hz, rate_hz, tested.refresh_rate_hz, times_s[-1] - times_s[0])
     dark = _dark_ripple(tested, spectrum.peak_hz)
-    where = "room" if dark is not None and dark > 0.5 * spectrum.amplitudes.max() else "projector or camera"
+    where = ROOM if dark is not None and dark > 0.5 * spectrum.amplitudes.max() else "projector or camera"
     advice = f"{source}, most likely of the {where}; " if source else ""
     verdicts = (
         Verdict(

@@ -2,7 +2,8 @@
 
 The camera's frames are taken without waiting for the profile's latency. The share of an exposure that a change
 leaves to the new picture tells when it came, far finer than the camera's period; photographs at shares of the
-exposure turn brightness into such shares, so that the camera's curve does not matter.
+exposure turn brightness into such shares. The light of black, which is there all the time, is added to these: that
+takes the camera's curve, which they tell as well.
 
 Rolling shutter: a time stamp is the first row's. Where the two halves of the frames differ, the delay of a row is
 found from them, and the delays are corrected by it.
@@ -16,17 +17,26 @@ from dataclasses import dataclass
 import numpy as np
 
 from calibration.arrays import BoolArray, FloatArray
+from calibration.errors import CalibrationError
+from calibration.radiometry.camera_response import fit_camera_response
 from calibration.structured_light.patterns import flat
 from rig.devices.protocols import RawFrame
-from rig.errors import CaptureTimeout
+from rig.errors import CalibrationFailed, CaptureTimeout
 from rig.records import Record, Verdict
+from rig.self_check.parts.linearity import CameraCurve, straight_curve
 from rig.self_check.results import PartResult
 from rig.self_check.rig_under_test import RigUnderTest, fingerprint
 
 TRIALS = 40
 _FRAMES_WAITED = 200
-_CHANGED = 0.02
-"""Share of a change by which a frame shows it; noise of a frame's mean is far below."""
+_CHANGED, _SWELL_SEEN = 0.02, 1.5
+"""Share of a change by which a frame shows it; noise of a frame's mean is far below. Where frames of a still picture
+differ by as much, so many times that."""
+_MOST_SWELL = 0.15
+"""Of a change: where a still picture differs by more, a new one is not told from it."""
+_STILL_FRAMES = 8
+"""Of the bright picture, and of black: three phases of a mains light at 30 frames a second, and more."""
+_CURVE_PIXELS = 4000
 _NO_GAP = 0.998
 """Of the camera's period: nothing falls between two frames, and the frame rate stays."""
 _FRACTIONS = (0.2, 0.4, 0.6, 0.8)
@@ -36,23 +46,29 @@ _MARGIN = 0.25
 """Of a refresh: what a change may hide between frames and still count as sharp, and what is added to be safe."""
 _LEAST_SHARP = 5
 """So many trials without a gap at the change are better than all trials with it."""
+_LEAST_CUT = 3
+"""Frames that a change cuts, of which the delay of a row is told: noise alone makes no readout of half a ms."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class _Levels:
     """How bright frames are that the bright picture lights for a share of the exposure."""
 
     code: int
+    curve: CameraCurve
     shares: FloatArray
     """(N,) of the exposure, rising from 0 to 1."""
     masks: tuple[BoolArray, BoolArray, BoolArray]
     """(H, W) lit pixels: all, those of the upper half, those of the lower."""
-    means_dn: FloatArray
-    """(3, N) mean of each mask at each share."""
+    means: FloatArray
+    """(3, N) mean light of each mask at each share."""
+    rows: tuple[float, float, float]
+    """Where the light of each mask is on average, in rows from the top."""
 
     def share_of(self, image: FloatArray, mask: int) -> float:
         """Share of the exposure that the bright picture had, seen in one of the masks."""
-        return float(np.interp(image[self.masks[mask]].mean(), self.means_dn[mask], self.shares))
+        light = float(self.curve.light(image[self.masks[mask]]).mean())
+        return float(np.interp(light, self.means[mask], self.shares))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -97,6 +113,8 @@ class _Trial:
 
     on_screen_s: float
     sights: tuple[_Sight, ...]
+    changed: float
+    """Share of the change by which a frame shows it."""
 
     def delay(self) -> tuple[float, float]:
         """Delay of the change as if it were a step, and how much of that no frame has seen. [s].
@@ -107,10 +125,10 @@ class _Trial:
         time_s, before = self.on_screen_s, 0.0
         for sight in self.sights:
             gap_s = max(sight.started_s - time_s, 0.0)
-            after = float(sight.share > 1 - _CHANGED)
+            after = float(sight.share > 1 - self.changed)
             missing_s += gap_s * (1 - (before + after) / 2) + sight.exposure_s * (1 - sight.share)
             unseen_s += gap_s if before != after else 0.0
-            time_s, before = sight.started_s + sight.exposure_s, float(sight.share > _CHANGED)
+            time_s, before = sight.started_s + sight.exposure_s, float(sight.share > self.changed)
         return missing_s, unseen_s
 
 
@@ -119,13 +137,13 @@ def measure_latency(tested: RigUnderTest) -> Latency:
     period_s = 1 / tested.rig.profile.camera.frame_rate_hz
     exposure_s = tested.rig.set_exposure(float(np.clip(_NO_GAP * period_s, *tested.exposure_range_s)))
     levels = _levels(tested, exposure_s)
-    trials = [_run_trial(tested, levels, number) for number in range(TRIALS)]
+    changed = _change_that_shows(tested, levels, exposure_s)
+    trials = [_run_trial(tested, levels, number, changed) for number in range(TRIALS)]
     line_s = _line_delay_s(trials, levels)
-    middle_row = float(np.nonzero(levels.masks[0])[0].mean())
     found = np.array([trial.delay() for trial in trials])
     sharp = found[:, 1] < _MARGIN / tested.refresh_rate_hz
     chosen = sharp if sharp.sum() >= _LEAST_SHARP else np.ones(len(found), bool)
-    delays_s = found[chosen, 0] + line_s * middle_row
+    delays_s = found[chosen, 0] + line_s * levels.rows[0]
     return Latency(
         mean=float(delays_s.mean()),
         min=float(delays_s.min()),
@@ -155,13 +173,51 @@ def _levels(tested: RigUnderTest, exposure_s: float) -> _Levels:
             frame = tested.shoot(code, f"level-{code:03d}", fraction * exposure_s)
             shares.append(frame.exposure_s / exposure_s)
             images.append(tested.pixels(frame))
-    offset_dn = tested.offset_dn
     black = tested.photograph(0, "black", exposure_s)
     lit = full - black > 0.3 * np.quantile(full - black, 0.99)
     masks = _halves(lit)
-    images = [image + (1 - share) * (black - offset_dn) for image, share in zip(images, shares, strict=True)]
-    means = np.array([[image[mask].mean() for image in (black, *images, full)] for mask in masks])
-    return _Levels(code, np.array([0.0, *shares, 1.0]), masks, np.maximum.accumulate(means, axis=1))
+    curve = _curve(tested, [*images, full], [*shares, 1.0], lit)
+    dark = curve.light(black)
+    lights = [curve.light(image) + (1 - share) * dark for image, share in zip(images, shares, strict=True)]
+    brought = curve.light(full) - dark
+    means = np.array([[light[mask].mean() for light in (dark, *lights, curve.light(full))] for mask in masks])
+    return _Levels(
+        code=code,
+        curve=curve,
+        shares=np.array([0.0, *shares, 1.0]),
+        masks=masks,
+        means=np.maximum.accumulate(means, axis=1),
+        rows=(_row_of(brought, masks[0]), _row_of(brought, masks[1]), _row_of(brought, masks[2])),
+    )
+
+
+def _curve(tested: RigUnderTest, images: Sequence[FloatArray], shares: Sequence[float], lit: BoolArray) -> CameraCurve:
+    """The camera's curve from a picture at shares of the exposure; straight where these do not tell it."""
+    every = max(1, int(lit.sum()) // _CURVE_PIXELS)
+    samples = np.array([image[lit][::every] for image in images]) - tested.offset_dn
+    full_scale_dn, sigma_dn = tested.full_scale_dn - tested.offset_dn, tested.black_level.sigma_dn
+    try:
+        response = fit_camera_response(samples, shares, full_scale_dn, black_sigma_dn=sigma_dn)
+    except CalibrationError:
+        return straight_curve(tested)
+    return CameraCurve(tested.offset_dn, response, known_from_dn=float(np.quantile(samples[0], 0.1)))
+
+
+def _change_that_shows(tested: RigUnderTest, levels: _Levels, exposure_s: float) -> float:
+    """Share of a change by which a frame shows it: more than frames of a still picture differ by.
+
+    Raises CalibrationFailed where they differ too much.
+    """
+    swell = 0.0
+    for code, share in ((levels.code, 1.0), (0, 0.0)):
+        frames = tested.series(code, _STILL_FRAMES, f"still-{code:03d}", exposure_s)
+        swell = max(swell, *(abs(levels.share_of(tested.pixels(frame), 0) - share) for frame in frames))
+    if swell > _MOST_SWELL:
+        raise CalibrationFailed(
+            f"the light of a still picture changes by {100 * swell:.0f} % of what the picture brings, so that a new "
+            "picture is not told from it: switch off room light that flickers, and let the lamp warm up"
+        )
+    return max(_CHANGED, _SWELL_SEEN * swell)
 
 
 def _halves(lit: BoolArray) -> tuple[BoolArray, BoolArray, BoolArray]:
@@ -171,7 +227,11 @@ def _halves(lit: BoolArray) -> tuple[BoolArray, BoolArray, BoolArray]:
     return lit, lit & (rows < middle), lit & (rows >= middle)
 
 
-def _run_trial(tested: RigUnderTest, levels: _Levels, number: int) -> _Trial:
+def _row_of(light: FloatArray, mask: BoolArray) -> float:
+    return float(np.average(np.nonzero(mask)[0], weights=np.maximum(light[mask], 0.0)))
+
+
+def _run_trial(tested: RigUnderTest, levels: _Levels, number: int, changed: float) -> _Trial:
     """Change the picture once, and take frames until one is the new picture's alone."""
     rig = tested.rig
     brightens = number % 2 == 0
@@ -189,8 +249,8 @@ def _run_trial(tested: RigUnderTest, levels: _Levels, number: int) -> _Trial:
         seen.add(mark)
         after_s = frame.started_s + frame.exposure_s / 2
         sights.append(_sight(tested.pixels(frame), frame, levels, brightens))
-        if sights[-1].share > 1 - _CHANGED:
-            return _Trial(shown.on_screen_s, tuple(sights))
+        if sights[-1].share > 1 - changed:
+            return _Trial(shown.on_screen_s, tuple(sights), changed)
     raise CaptureTimeout(
         f"a new picture was not seen in {_FRAMES_WAITED} frames after it was shown; does the camera see the projector?"
     )
@@ -204,9 +264,9 @@ def _sight(image: FloatArray, frame: RawFrame, levels: _Levels, brightens: bool)
 
 def _line_delay_s(trials: Sequence[_Trial], levels: _Levels) -> float:
     """Delay of each row against the row above, where it is more than noise; else 0."""
-    upper, lower = (float(np.nonzero(mask)[0].mean()) for mask in levels.masks[1:])
+    _, upper, lower = levels.rows
     cut = [s for trial in trials for s in trial.sights if 0.1 < min(s.upper, s.lower) <= max(s.upper, s.lower) < 0.9]
-    if len(cut) < _LEAST_SHARP or lower <= upper:
+    if len(cut) < _LEAST_CUT or lower <= upper:
         return 0.0
     delays = np.array([(s.lower - s.upper) * s.exposure_s / (lower - upper) for s in cut])
     uncertainty = 1.25 * float(delays.std()) / np.sqrt(len(delays))

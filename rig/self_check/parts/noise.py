@@ -35,7 +35,9 @@ _BLACK_CLIP = 0.01
 _LEAST_SPAN = 4
 """Steps of the camera that a group spans: even and odd sums of two frames are in it alike."""
 _FLICKER = 0.05
-"""Of the light: frames of a pair that differ by more are not made equal, something else has happened."""
+"""Of white: frames of a pair that differ by more are not made equal, something else has happened."""
+_GAIN, _READ_NOISE, _FULL_WELL = "gain", "read noise", "full well, at full scale"
+_LINE = "photon transfer off a straight line"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -59,29 +61,32 @@ class Noise(Record):
 
 
 def check_noise(tested: RigUnderTest, curve: CameraCurve, step_dn: float) -> PartResult[Noise]:
-    """Gain, read noise, full well."""
+    """Gain, read noise, full well; only what kept them from being measured where frames are compressed."""
     usable = _usable(tested)
     lit = _lit(tested, usable, step_dn)
     dark, at_zero = _dark(tested, usable)
     clipped = at_zero > _BLACK_CLIP
+    cut = "the dark level is 0, noise is cut off there: raise the camera's black level (brightness control)"
+    black = Verdict(what="dark pixels at 0", value=100 * at_zero, limit=100 * _BLACK_CLIP, unit="% of all", advice=cut)
+    if tested.is_compressed:
+        return PartResult(verdicts=(*_untold(), black))
     measured = joined(lit if clipped or tested.black_level.is_clipped else [*lit, *dark])
     points = linearised(clear_of_black(measured, curve.response, curve.known_from_dn), curve.response, step_dn)
     transfer = fit_photon_transfer(points)
     full_well_e = transfer.gain_e_per_dn * float(curve.response.levels[-1])
     relative = transfer.gain_sigma_e_per_dn / transfer.gain_e_per_dn
-    cut = "the dark level is 0, noise is cut off there: raise the camera's black level (brightness control)"
     verdicts = (
-        Verdict(what="gain", value=transfer.gain_e_per_dn, unit="e-/dn"),
-        Verdict(what="read noise", value=transfer.read_noise_e, unit="e-", advice=cut if clipped else ""),
-        Verdict(what="full well, at full scale", value=full_well_e, unit="e-"),
+        Verdict(what=_GAIN, value=transfer.gain_e_per_dn, unit="e-/dn"),
+        Verdict(what=_READ_NOISE, value=transfer.read_noise_e, unit="e-", advice=cut if clipped else ""),
+        Verdict(what=_FULL_WELL, value=full_well_e, unit="e-"),
         Verdict(
-            what="photon transfer off a straight line",
+            what=_LINE,
             value=transfer.chi2,
             limit=tested.limits.photon_transfer_chi2,
             unit="χ² a degree of freedom",
             advice="noise reduction, sharpening, compression (MJPG) or a vibrating picture; use a raw format",
         ),
-        Verdict(what="dark pixels at 0", value=100 * at_zero, limit=100 * _BLACK_CLIP, unit="% of all", advice=cut),
+        black,
     )
     suggested = {}
     if transfer.chi2 <= tested.limits.photon_transfer_chi2:
@@ -102,6 +107,15 @@ def check_noise(tested: RigUnderTest, curve: CameraCurve, step_dn: float) -> Par
     return PartResult(verdicts=verdicts, numbers=numbers, suggested=suggested)
 
 
+def _untold() -> tuple[Verdict, ...]:
+    """What compression leaves of the noise tells nothing of the sensor."""
+    advice = (
+        "the frames are JPEG (their noise has seams every 8 pixels): what noise is left is not the sensor's. A session "
+        "measures it as it is; for the sensor's use a raw format (GREY, YUYV, Y12), where the camera has one"
+    )
+    return tuple(Verdict(what=what, value=None, advice=advice) for what in (_GAIN, _READ_NOISE, _FULL_WELL, _LINE))
+
+
 def _usable(tested: RigUnderTest) -> BoolArray:
     """(H, W) pixels that do not clip on white."""
     return np.asarray(tested.white < _TOP * tested.full_scale_dn)
@@ -109,17 +123,20 @@ def _usable(tested: RigUnderTest) -> BoolArray:
 
 def _lit(tested: RigUnderTest, usable: BoolArray, step_dn: float) -> list[TransferPoints]:
     """Groups of a pair of frames of each of several codes."""
-    parts = []
+    room, lamp = (image[usable] for image in (tested.black - tested.offset_dn, tested.white - tested.black))
+    sources, parts = np.stack([lamp, room], axis=1), []
     for code in _CODES:
         first, second = (tested.photograph(code)[usable] - tested.offset_dn for _ in range(2))
-        parts.append(transfer_points(first, _brought_level(second, first), least_span_dn=_LEAST_SPAN * step_dn))
+        level = _brought_level(second, first, sources)
+        parts.append(transfer_points(first, level, least_span_dn=_LEAST_SPAN * step_dn))
     return parts
 
 
-def _brought_level(second: FloatArray, first: FloatArray) -> FloatArray:
-    """The second frame as bright as the first: a lamp that flickers is no noise of the camera."""
-    ratio = first.mean() / max(second.mean(), 1e-9)
-    return np.asarray(second * (ratio if abs(ratio - 1) < _FLICKER else 1.0))
+def _brought_level(second: FloatArray, first: FloatArray, sources: FloatArray) -> FloatArray:
+    """(N,) the second frame as bright as the first: light of lamp and room (N, 2) that flickers is no noise."""
+    change = sources @ np.linalg.lstsq(sources, first - second, rcond=None)[0]
+    is_flicker = np.abs(change).mean() < _FLICKER * sources.sum(axis=1).mean()
+    return np.asarray(second + change if is_flicker else second)
 
 
 def _dark(tested: RigUnderTest, usable: BoolArray) -> tuple[list[TransferPoints], float]:

@@ -12,6 +12,7 @@ import pytest
 from rig.capture.rig import Rig
 from rig.devices.drivers import make_devices
 from rig.devices.protocols import Codes, RawFrame, Shown
+from rig.self_check.compression import is_compressed
 from rig.self_check.parts.exposure import with_generous_latency
 from rig.self_check.run import check_rig
 from rig.terminal import silent
@@ -271,24 +272,82 @@ def test_hot_and_dead_pixels_are_counted_and_placed() -> None:
     assert not checked.row("hot pixels").met
 
 
-def test_noise_of_compressed_pictures_is_said_to_be_none_and_suggested_to_no_profile() -> None:
+@pytest.mark.parametrize("quality", [75, 95])
+def test_noise_of_compressed_pictures_is_none_of_the_sensors_and_suggested_to_no_profile(
+    quality: int,
+) -> None:
     checked = Checked(
         ("channels = 1\nbit_depth = 12", "channels = 1\nbit_depth = 8"),
-        ("black_level_dn = 64.0", "black_level_dn = 6.0\njpeg_quality = 80"),
-        only=["noise"],
+        ("black_level_dn = 64.0", f"black_level_dn = 6.0\njpeg_quality = {quality}"),
+        only=["noise", "checker"],
     )
     row = checked.row("photon transfer off a straight line")
-    assert not row.met
-    assert "compression (MJPG)" in row.advice
+    assert row.value is None
+    assert "the frames are JPEG" in row.advice
+    assert "raw format" in row.advice
+    assert checked.failed == set()
     assert not {"camera.full_well_e", "camera.read_noise_e"} & set(checked.result.suggested)
+
+
+def test_noise_that_is_smoothed_without_blocks_is_off_its_line_and_no_jpeg() -> None:
+    def smoothed(frame: RawFrame) -> RawFrame:
+        light = frame.pixels.astype(np.float32)
+        return replace(frame, pixels=cv2.bilateralFilter(light[..., 0], 5, 40.0, 2.0)[..., None].astype(np.uint16))
+
+    row = Checked(only=["noise"], pixels=smoothed).row("photon transfer off a straight line")
+    assert not row.met
+    assert "noise reduction" in row.advice
+
+
+@pytest.mark.parametrize("crop", [0, 3])
+@pytest.mark.parametrize(("quality", "noise_dn"), [(95, 0.7), (85, 2.0), (70, 4.0)])
+def test_blocks_are_found_wherever_they_begin_and_in_compressed_frames_only(
+    crop: int, quality: int, noise_dn: float
+) -> None:
+    draw = np.random.default_rng(crop)
+    slope = np.linspace(40, 200, 200)[None] + np.linspace(0, 30, 160)[:, None]
+    frames = [np.clip(slope + draw.normal(0, noise_dn, slope.shape), 0, 255).astype(np.uint8) for _ in range(2)]
+    coded = [cv2.imdecode(cv2.imencode(".jpg", one, [cv2.IMWRITE_JPEG_QUALITY, quality])[1], 0) for one in frames]
+    raw, jpeg = ([one[crop:, crop:].astype(np.float64) for one in pair] for pair in (frames, coded))
+    assert not is_compressed(*raw)
+    assert is_compressed(*jpeg)
+    assert not is_compressed(raw[0], raw[0])
 
 
 # Room and mounting
 
 
+def flickering(ambient: float) -> tuple[str, str]:
+    return ("ambient = 0.0004", f"ambient = {ambient}\nambient_flicker_hz = 100.0\nambient_flicker = 0.5")
+
+
+def lifted(codes: Codes) -> Codes:
+    return np.asarray(codes // 2 + 64 * (codes > 200), dtype=np.uint8)
+
+
+def test_what_fails_beside_room_light_that_flickers_says_so_first() -> None:
+    checked = Checked(flickering(0.5), only=["latency", "flicker", "linearity", "noise", "additivity", "ramp"])
+    assert {"latency", "flicker", "additivity"} <= checked.failed
+    assert "changes by" in checked.row("latency could not be measured").advice
+    assert "room light that flickers" in checked.row("latency could not be measured").advice
+    for part, verdict in checked.result.rows:
+        if not verdict.met and part not in ("latency", "exposure", "flicker"):
+            assert verdict.advice.startswith("the room's light that flickers (above) can do this alone"), verdict.what
+    steady = Checked(
+        only=["flicker", "additivity"], codes=lambda codes: (codes // 2 + 64 * (codes > 200)).astype(np.uint8)
+    )
+    assert all("room's light" not in verdict.advice for _, verdict in steady.result.rows)
+
+
+def test_the_noise_of_a_camera_is_told_beside_room_light_that_flickers() -> None:
+    still, swelling = (Checked(*changes, only=["noise"]) for changes in ((), (flickering(0.03),)))
+    for what in ("gain", "full well, at full scale"):
+        assert swelling.row(what).value == pytest.approx(still.row(what).value, rel=0.03)
+    assert swelling.row("photon transfer off a straight line").met
+
+
 def test_room_light_that_flickers_is_found_and_named() -> None:
-    changes = (("ambient = 0.0004", "ambient = 0.08\nambient_flicker_hz = 100.0\nambient_flicker = 0.5"),)
-    checked = Checked(*changes, only=["exposure", "flicker"])
+    checked = Checked(flickering(0.08), only=["exposure", "flicker"])
     numbers = checked.numbers("flicker")
     assert "flicker" in checked.failed
     assert checked.row("strongest ripple").value == pytest.approx(10, abs=0.3)
