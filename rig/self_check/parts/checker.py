@@ -28,6 +28,8 @@ _PATCH = 9
 """Camera pixels over which light is averaged to see beating: noise down, slow waves kept."""
 _EDGE = 3
 """Outermost projector pixels that have to be seen, and how far in they are compared."""
+_SEEN = 5.0
+"""Standard deviations of noise by which a strip's light has to stand out of black."""
 _SIDES: tuple[Side, ...] = get_args(Side)
 
 
@@ -149,8 +151,10 @@ def _edges(tested: RigUnderTest, curve: CameraCurve, scene: _Scene) -> dict[str,
 
 
 def _edge(tested: RigUnderTest, curve: CameraCurve, scene: _Scene, side: Side) -> float:
+    """Light of the outermost pixels over that of those further in; 0 where the camera sees neither."""
     light = []
     for inset in (0, 2 * _EDGE):
         codes = strip(tested.picture_shape, side, inset, _EDGE)
         light.append(float((_light(tested, curve, codes, f"edge-{side}-{inset}") - scene.black).sum()))
-    return light[0] / max(light[1], 1e-9)
+    noise = float(np.sqrt(2 * scene.noise / _REPEATS * scene.black.size))
+    return max(light[0], 0.0) / light[1] if light[1] > _SEEN * noise else 0.0

@@ -339,6 +339,11 @@ def test_what_fails_beside_room_light_that_flickers_says_so_first() -> None:
     assert all("room's light" not in verdict.advice for _, verdict in steady.result.rows)
 
 
+def test_light_of_edges_is_a_share_even_where_room_light_drowns_it() -> None:
+    edges = Checked(flickering(0.08), only=["checker"]).numbers("checker")["edges"]
+    assert all(0 <= share < 20 for share in edges.values())
+
+
 def test_the_noise_of_a_camera_is_told_beside_room_light_that_flickers() -> None:
     still, swelling = (Checked(*changes, only=["noise"]) for changes in ((), (flickering(0.03),)))
     for what in ("gain", "full well, at full scale"):
