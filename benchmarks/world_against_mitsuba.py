@@ -25,8 +25,9 @@ import numpy as np
 import trimesh
 from numpy.typing import NDArray
 
+from rig.devices.simulated.mesh.find import find_scene
 from rig.devices.simulated.mesh.scene import TriangleScene
-from rig.devices.simulated.mesh.world import MeshWorld, prepare_scene
+from rig.devices.simulated.mesh.world import MeshWorld, exchange_of
 from rig.devices.simulated.settings import SimulationSettings
 from rig.devices.simulated.worlds.scenes import SCENES
 
@@ -158,7 +159,7 @@ def compare(mi: Any, name: str, options: argparse.Namespace) -> list[Row]:
     """Both pictures of one scene."""
     settings = settings_of(name, options.rays, options.cell_size_m)
     started = time.perf_counter()
-    exchange = prepare_scene(settings, ROOT)
+    exchange = exchange_of(find_scene(settings, ROOT), settings)
     world = MeshWorld(settings, exchange, CAMERA, PROJECTOR)
     prepared_s = time.perf_counter() - started
     rows = []

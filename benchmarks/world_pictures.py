@@ -11,7 +11,8 @@ import time
 
 import numpy as np
 
-from rig.devices.simulated.mesh.world import MeshWorld, prepare_scene
+from rig.devices.simulated.mesh.find import find_scene
+from rig.devices.simulated.mesh.world import MeshWorld, exchange_of
 from rig.devices.simulated.settings import SimulationSettings
 from rig.profile.schema import load_profile
 
@@ -30,7 +31,7 @@ def main() -> None:
         table = profile.simulation.model_dump(by_alias=True) | {"scene": name}
         settings = SimulationSettings.model_validate(table)
         started_s, started_cpu_s = time.perf_counter(), time.process_time()
-        exchange = prepare_scene(settings, profile.path.parent)
+        exchange = exchange_of(find_scene(settings, profile.path.parent), settings)
         world = MeshWorld(settings, exchange, profile.camera.shape[:2], profile.projector.shape)
         world.light(np.full(profile.projector.shape, 255, np.uint8))
         prepared_s, prepared_cpu_s = time.perf_counter() - started_s, time.process_time() - started_cpu_s

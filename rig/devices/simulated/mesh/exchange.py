@@ -87,9 +87,10 @@ class Exchange:
     def views(self) -> csr_array:
         """(2 V, 2 C) share of what reaches each node, were all cells alike, that comes from each cell; lobes count."""
         if self._views is None:
-            order = np.concatenate([nodes for nodes, _ in self._batches])
+            batches = self._batches  # those of one moment: rigs in two threads may share a world
+            order = np.concatenate([nodes for nodes, _ in batches])
             place = np.argsort(order)
-            rows = csr_array(vstack([rows for _, rows in self._batches], format="csr")[place])
+            rows = csr_array(vstack([rows for _, rows in batches], format="csr")[place])
             self._batches = [(order[place], rows)]
             self._views = _padded(rows, order[place], 2 * self.grid.n_nodes)
         return self._views

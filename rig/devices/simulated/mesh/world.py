@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from functools import cached_property
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rig.devices.simulated.defocus import circle_px
 from rig.devices.simulated.mesh.exchange import Exchange
-from rig.devices.simulated.mesh.find import find_scene
 from rig.devices.simulated.mesh.paths import camera_paths, light_on, projector_paths
 from rig.devices.simulated.mesh.refine import refined
 from rig.devices.simulated.mesh.scene import FloatArray, TriangleScene, made_fit
@@ -28,19 +26,14 @@ _NEAR_M = 0.05
 """How far from the true surface a model's patch still is that surface; chosen: ten times what calibration leaves."""
 
 
-def prepare_scene(settings: SimulationSettings, folder: Path) -> Exchange:
-    """Find a simulation's scene and cut it into cells: what all its cameras, projectors and bands share.
+def exchange_of(scene: TriangleScene, settings: SimulationSettings) -> Exchange:
+    """Cut a scene into cells, which all its cameras, projectors and bands share.
 
     Raises
     ------
     ProfileError
-        There is no such scene, it cannot be used as it is, or Embree is not installed.
+        It cannot be used as it is, or Embree is not installed.
     """
-    return exchange_of(find_scene(settings, folder), settings)
-
-
-def exchange_of(scene: TriangleScene, settings: SimulationSettings) -> Exchange:
-    """Cut a scene into cells. Raises ProfileError."""
     fit = made_fit(scene, np.sqrt(2) * settings.cell_size_m)
     tracer, grid, partitions = refined(fit, settings.cell_size_m)
     return Exchange(tracer, grid, partitions, rays=settings.rays, seed=settings.seed)

@@ -14,7 +14,7 @@ from rig.devices.simulated.mesh.find import find_scene
 from rig.devices.simulated.mesh.light_grid import make_light_grid
 from rig.devices.simulated.mesh.scene import TriangleScene, made_fit
 from rig.devices.simulated.mesh.tracer import Tracer
-from rig.devices.simulated.mesh.world import MeshWorld, exchange_of, prepare_scene
+from rig.devices.simulated.mesh.world import MeshWorld, exchange_of
 from rig.devices.simulated.settings import SimulatedMaterial, SimulationSettings
 from rig.devices.simulated.worlds.scenes import SCENES, library_scene
 from rig.devices.simulated.worlds.shapes import quad, room
@@ -58,7 +58,7 @@ def test_a_scene_of_the_library_is_photographed_with_one_line_changed(name: str,
         settings.camera.model_copy(update={"focal_px": 26.6, "principal_point_px": (31.5, 23.5)})
     )
     small = small.with_device(small.projector.model_copy(update={"focal_px": 20.2, "principal_point_px": (23.5, 17.5)}))
-    world = MeshWorld(small, prepare_scene(small, ROOT), CAMERA, PROJECTOR)
+    world = MeshWorld(small, exchange_of(find_scene(small, ROOT), small), CAMERA, PROJECTOR)
     light = world.light(np.full(PROJECTOR, 255, np.uint8))
     assert np.isfinite(light.total).all()
     assert light.direct.min() >= 0
@@ -115,7 +115,7 @@ def test_a_scene_that_cannot_be_used_is_refused_with_the_reason(
 ) -> None:
     settings = settings_of(**changes)
     with pytest.raises(ProfileError, match=message):
-        prepare_scene(settings, tmp_path)
+        exchange_of(find_scene(settings, tmp_path), settings)
 
 
 def test_cells_that_fit_in_no_memory_are_refused_when_the_profile_is_read() -> None:
@@ -154,7 +154,7 @@ def test_without_embree_the_message_names_the_command(monkeypatch: pytest.Monkey
     monkeypatch.setitem(sys.modules, "embreex.rtcore_scene", None)
     settings = settings_of(scene="dome", size_m=SIZE)
     with pytest.raises(ProfileError, match=r"needs Embree, .*: pip install 'procam-rig\[world\]'") as caught:
-        prepare_scene(settings, tmp_path)
+        exchange_of(find_scene(settings, tmp_path), settings)
     assert len(str(caught.value).splitlines()) == 1
 
 
