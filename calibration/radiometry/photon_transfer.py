@@ -25,8 +25,10 @@ _UNCLIPPED = 0.95
 """Of full scale: below it no pixel clips in one of the frames."""
 _LEAST_SPAN_DN = 4.0
 """That a group of pixels spans: even and odd sums of two frames are in it alike."""
-_UNEVEN = 0.05
-"""Relative error of a variance by levels that do not lie evenly between whole numbers, where rounding is all of it."""
+_UNEVEN = 0.1
+"""Relative error of a variance by levels that do not lie evenly between whole numbers, where rounding is all of it:
+straight lines of four random cameras of eight bits (random_rigs.py, seeds 41, 43, 48, 49) then have a chi² of 1.2 to
+2.0 and full wells off by 1 to 4 %; with 0.05 2.8 to 5.0, and 1 to 6 %."""
 _LEAST_GROUPS = 4
 _NEARLY_STRAIGHT = 0.7
 """Logarithm of a curve's slope against that of the brightest group: such a camera does not cut its noise off."""

@@ -44,8 +44,8 @@ class Checkers(Record):
     """The same in patches, quantiles."""
     contrast: Mapping[int, float]
     """By side of the squares in pixels, share of full contrast."""
-    edges: Mapping[str, float]
-    """Light of the picture's edge by side, over that a little further in."""
+    edges: Mapping[str, float | None]
+    """Light of the picture's edge by side, over that a little further in; None of what the camera does not see."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,7 +70,8 @@ def check_checker(tested: RigUnderTest, curve: CameraCurve) -> PartResult[Checke
     contrasts = {size: _contrast(pair, scene) for size, pair in pairs.items()}
     edges = _edges(tested, curve, scene)
     limits = tested.limits
-    worst = min(edges, key=lambda side: edges[side])
+    seen = {side: light for side, light in edges.items() if light is not None}
+    worst = min(seen, key=lambda side: seen[side], default=None)
     verdicts = (
         Verdict(
             what="single-pixel checker + its complement off white + black",
@@ -90,8 +91,8 @@ def check_checker(tested: RigUnderTest, curve: CameraCurve) -> PartResult[Checke
         Verdict(what="contrast of the single-pixel checker", value=contrasts[1], unit="of full"),
         Verdict(what="contrast of a checker of 4 pixels", value=contrasts[4], unit="of full"),
         Verdict(
-            what=f"light of the picture's edge, weakest: {worst}",
-            value=edges[worst],
+            what=f"light of the picture's edge, weakest: {worst or 'none is seen'}",
+            value=None if worst is None else seen[worst],
             limit=limits.edge_share,
             unit="of what is next to it",
             at_least=True,
@@ -145,16 +146,16 @@ def _contrast(pair: tuple[FloatArray, FloatArray], scene: _Scene) -> float:
     return float(np.sqrt(max(squared, 0.0) / np.mean(full[scene.lit] ** 2)))
 
 
-def _edges(tested: RigUnderTest, curve: CameraCurve, scene: _Scene) -> dict[str, float]:
+def _edges(tested: RigUnderTest, curve: CameraCurve, scene: _Scene) -> dict[str, float | None]:
     """Light of a strip along each side of the picture against that of an equal strip further in."""
     return {side: _edge(tested, curve, scene, side) for side in _SIDES}
 
 
-def _edge(tested: RigUnderTest, curve: CameraCurve, scene: _Scene, side: Side) -> float:
-    """Light of the outermost pixels over that of those further in; 0 where the camera sees neither."""
+def _edge(tested: RigUnderTest, curve: CameraCurve, scene: _Scene, side: Side) -> float | None:
+    """Light of the outermost pixels over that of those further in; None where the camera does not see these."""
     light = []
     for inset in (0, 2 * _EDGE):
         codes = strip(tested.picture_shape, side, inset, _EDGE)
         light.append(float((_light(tested, curve, codes, f"edge-{side}-{inset}") - scene.black).sum()))
     noise = float(np.sqrt(2 * scene.noise / _REPEATS * scene.black.size))
-    return max(light[0], 0.0) / light[1] if light[1] > _SEEN * noise else 0.0
+    return max(light[0], 0.0) / light[1] if light[1] > _SEEN * noise else None

@@ -93,9 +93,10 @@ class Linearity(Record):
 
 def measure_sweep(tested: RigUnderTest) -> Sweep:
     """Photograph the sweep. Raises CalibrationFailed when no exposure fills the pixels."""
-    top_s, whole = _longest_s(tested)
-    code = _filling_code(tested, top_s) if whole else 255
-    if not whole:
+    top_s = _STEPS / tested.refresh_rate_hz
+    filling = _filling_code(tested, top_s) if top_s <= tested.exposure_range_s[1] else None
+    code = 255 if filling is None else filling
+    if filling is None:
         level = float((tested.white - tested.offset_dn)[tested.one_level].mean()) / tested.full_scale_dn
         top_s = min(tested.exposure_s * _TOP / level, tested.exposure_range_s[1])
     exposures, levels, samples = [], [], []
@@ -113,7 +114,7 @@ def measure_sweep(tested: RigUnderTest) -> Sweep:
         )
     return Sweep(
         code=code,
-        whole_refreshes=whole,
+        whole_refreshes=filling is not None,
         exposures_s=np.array(exposures),
         levels_dn=np.array(levels),
         full_scale_dn=tested.full_scale_dn - tested.offset_dn,
@@ -121,22 +122,22 @@ def measure_sweep(tested: RigUnderTest) -> Sweep:
     )
 
 
-def _longest_s(tested: RigUnderTest) -> tuple[float, bool]:
-    """Eight refreshes, if white fills less than them and the camera allows so much."""
-    period_s = _STEPS / tested.refresh_rate_hz
-    return period_s, period_s <= tested.exposure_range_s[1]
+def _filling_code(tested: RigUnderTest, exposure_s: float) -> int | None:
+    """Brightest code that keeps the judged pixels below the top of the scale at an exposure.
 
+    None where light on black, of a room or of the display, fills them alone.
+    """
 
-def _filling_code(tested: RigUnderTest, exposure_s: float) -> int:
-    """Brightest code that keeps the judged pixels below the top of the scale at an exposure."""
+    def fits(code: int) -> bool:
+        image = tested.photograph(code, f"level-{code:03d}", exposure_s)
+        return float(image[tested.one_level].mean()) <= _TOP * tested.full_scale_dn
+
     low, high = 0, len(_CODES) - 1
+    if not fits(_CODES[high]):
+        return None
     while low < high:
         middle = (low + high) // 2
-        image = tested.photograph(_CODES[middle], f"level-{_CODES[middle]:03d}", exposure_s)
-        if float(image[tested.one_level].mean()) > _TOP * tested.full_scale_dn:
-            low = middle + 1
-        else:
-            high = middle
+        low, high = (low, middle) if fits(_CODES[middle]) else (middle + 1, high)
     return _CODES[low]
 
 

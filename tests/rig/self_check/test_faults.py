@@ -341,7 +341,25 @@ def test_what_fails_beside_room_light_that_flickers_says_so_first() -> None:
 
 def test_light_of_edges_is_a_share_even_where_room_light_drowns_it() -> None:
     edges = Checked(flickering(0.08), only=["checker"]).numbers("checker")["edges"]
-    assert all(0 <= share < 20 for share in edges.values())
+    assert all(share is None or 0 <= share < 20 for share in edges.values())
+
+
+def test_edges_that_the_camera_does_not_see_are_not_judged() -> None:
+    """A camera that sees the middle of the picture, in steps that the light of edges by way of walls does not reach."""
+
+    def coarse(frame: RawFrame) -> RawFrame:
+        return replace(frame, pixels=np.asarray(frame.pixels // 128 * 128 + 64, dtype=np.uint16))
+
+    checked = Checked(("focal_px = 132.925", "focal_px = 265.85"), only=["checker"], pixels=coarse)
+    assert None in checked.numbers("checker")["edges"].values()
+    assert checked.row("light of the picture's edge").met
+
+
+def test_a_room_that_is_bright_for_eight_refreshes_is_measured_with_shorter_ones() -> None:
+    """Light on black alone fills a camera of white that needs half a refresh."""
+    checked = Checked(("ambient = 0.0004", "ambient = 0.2"), ("flux = 10.0", "flux = 40.0"), only=["linearity"])
+    assert not checked.numbers("linearity")["whole_refreshes"]
+    assert checked.row("nonlinearity that the camera's curve leaves").met
 
 
 def test_the_noise_of_a_camera_is_told_beside_room_light_that_flickers() -> None:
