@@ -228,7 +228,8 @@ def _halves(lit: BoolArray) -> tuple[BoolArray, BoolArray, BoolArray]:
 
 
 def _row_of(light: FloatArray, mask: BoolArray) -> float:
-    return float(np.average(np.nonzero(mask)[0], weights=np.maximum(light[mask], 0.0)))
+    weight = np.maximum(light[mask], 0.0)
+    return float(np.nonzero(mask)[0] @ weight / max(weight.sum(), 1e-9))
 
 
 def _run_trial(tested: RigUnderTest, levels: _Levels, number: int, changed: float) -> _Trial:
