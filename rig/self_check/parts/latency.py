@@ -18,12 +18,11 @@ import numpy as np
 
 from calibration.arrays import BoolArray, FloatArray
 from calibration.errors import CalibrationError
-from calibration.radiometry.camera_response import fit_camera_response
 from calibration.structured_light.patterns import flat
 from rig.devices.protocols import RawFrame
 from rig.errors import CalibrationFailed, CaptureTimeout
 from rig.records import Record, Verdict
-from rig.self_check.parts.linearity import CameraCurve, straight_curve
+from rig.self_check.parts.linearity import CameraCurve, curve_of, straight_curve
 from rig.self_check.results import PartResult
 from rig.self_check.rig_under_test import RigUnderTest, fingerprint
 
@@ -176,31 +175,29 @@ def _levels(tested: RigUnderTest, exposure_s: float) -> _Levels:
     black = tested.photograph(0, "black", exposure_s)
     lit = full - black > 0.3 * np.quantile(full - black, 0.99)
     masks = _halves(lit)
-    curve = _curve(tested, [*images, full], [*shares, 1.0], lit)
+    shares, images = [*shares, 1.0], [*images, full]
+    curve = _curve(tested, images, np.array(shares), lit)
     dark = curve.light(black)
     lights = [curve.light(image) + (1 - share) * dark for image, share in zip(images, shares, strict=True)]
-    brought = curve.light(full) - dark
-    means = np.array([[light[mask].mean() for light in (dark, *lights, curve.light(full))] for mask in masks])
+    means = np.array([[light[mask].mean() for light in (dark, *lights)] for mask in masks])
+    brought = lights[-1] - dark
     return _Levels(
         code=code,
         curve=curve,
-        shares=np.array([0.0, *shares, 1.0]),
+        shares=np.array([0.0, *shares]),
         masks=masks,
         means=np.maximum.accumulate(means, axis=1),
         rows=(_row_of(brought, masks[0]), _row_of(brought, masks[1]), _row_of(brought, masks[2])),
     )
 
 
-def _curve(tested: RigUnderTest, images: Sequence[FloatArray], shares: Sequence[float], lit: BoolArray) -> CameraCurve:
+def _curve(tested: RigUnderTest, images: Sequence[FloatArray], shares: FloatArray, lit: BoolArray) -> CameraCurve:
     """The camera's curve from a picture at shares of the exposure; straight where these do not tell it."""
     every = max(1, int(lit.sum()) // _CURVE_PIXELS)
-    samples = np.array([image[lit][::every] for image in images]) - tested.offset_dn
-    full_scale_dn, sigma_dn = tested.full_scale_dn - tested.offset_dn, tested.black_level.sigma_dn
     try:
-        response = fit_camera_response(samples, shares, full_scale_dn, black_sigma_dn=sigma_dn)
+        return curve_of(tested, np.array([image[lit][::every] for image in images]) - tested.offset_dn, shares)
     except CalibrationError:
         return straight_curve(tested)
-    return CameraCurve(tested.offset_dn, response, known_from_dn=float(np.quantile(samples[0], 0.1)))
 
 
 def _change_that_shows(tested: RigUnderTest, levels: _Levels, exposure_s: float) -> float:

@@ -143,10 +143,14 @@ def _filling_code(tested: RigUnderTest, exposure_s: float) -> int | None:
 
 def camera_curve(tested: RigUnderTest, sweep: Sweep) -> CameraCurve:
     """What undoes the camera's curve. Raises CalibrationError when the sweep does not tell it."""
-    exposures = np.repeat(sweep.exposures_s, 2)
-    sigma = tested.black_level.sigma_dn
-    response = fit_camera_response(sweep.samples_dn, exposures, sweep.full_scale_dn, black_sigma_dn=sigma)
-    shortest = sweep.samples_dn[exposures == exposures.min()]
+    return curve_of(tested, sweep.samples_dn, np.repeat(sweep.exposures_s, 2))
+
+
+def curve_of(tested: RigUnderTest, samples_dn: FloatArray, exposures: FloatArray) -> CameraCurve:
+    """The same of pixels (F, N) above the dark level at exposures (F,) in any unit. Raises CalibrationError."""
+    full_scale_dn, sigma = tested.full_scale_dn - tested.offset_dn, tested.black_level.sigma_dn
+    response = fit_camera_response(samples_dn, exposures, full_scale_dn, black_sigma_dn=sigma)
+    shortest = samples_dn[exposures == exposures.min()]
     return CameraCurve(tested.offset_dn, response, known_from_dn=float(np.quantile(shortest, _FEW)))
 
 

@@ -63,7 +63,7 @@ class Noise(Record):
 def check_noise(tested: RigUnderTest, curve: CameraCurve, step_dn: float) -> PartResult[Noise]:
     """Gain, read noise, full well; only what kept them from being measured where frames are compressed."""
     usable = _usable(tested)
-    lit = _lit(tested, usable, step_dn)
+    lit = [] if tested.is_compressed else _lit(tested, usable, step_dn)
     dark, at_zero = _dark(tested, usable)
     clipped = at_zero > _BLACK_CLIP
     cut = "the dark level is 0, noise is cut off there: raise the camera's black level (brightness control)"

@@ -20,14 +20,6 @@ from sim.scenes.meshes import grid_of_quad, integrating_sphere
 from sim.threads import set_threads
 
 
-@pytest.fixture
-def restored():
-    threads, instructions = _kernel.threads(), _kernel.instruction_set()
-    yield
-    set_threads(threads)
-    _kernel.set_instruction_set(instructions)
-
-
 def sampled(surface, rays, seed=0):
     sample = RaySample(surface=surface, seed=seed)
     sample.lengthen(rays)
