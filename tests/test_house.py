@@ -124,6 +124,22 @@ def test_loose_objects_are_where_json_is_read_or_written_only() -> None:
     assert sum(loose.values()) <= MOST_LOOSE_OBJECTS, loose
 
 
+def runs_while_freed(node: ast.AST) -> bool:
+    """Does this make Python run a function while it frees an object?"""
+    if isinstance(node, ast.Import):
+        return any(name.name == "weakref" for name in node.names)
+    if isinstance(node, ast.ImportFrom):
+        return node.module == "weakref"
+    return isinstance(node, ast.FunctionDef) and node.name == "__del__"
+
+
+def test_nothing_runs_while_objects_are_freed_for_an_interrupt_that_is_seen_there_is_lost() -> None:
+    found = [
+        name_of(path) for path in sources() if any(map(runs_while_freed, ast.walk(ast.parse(path.read_text("utf-8")))))
+    ]
+    assert found == []
+
+
 def test_no_file_names_a_folder_of_somebodys_machine() -> None:
     listed = subprocess.run(
         ["git", "ls-files", "--cached", "--others", "--exclude-standard"],

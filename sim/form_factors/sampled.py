@@ -19,7 +19,6 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass, field
 from functools import cached_property
-from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -29,6 +28,7 @@ from sim import _kernel
 from sim.arrays import FloatArray, IntArray
 from sim.errors import SimulationError
 from sim.geometry.surface import Surface
+from sim.kept import Kept
 
 FEWEST_RAYS, MOST_RAYS = 16, 1 << 20
 """Of a patch: two halves of 8, and as far as single precision finds its hits."""
@@ -48,14 +48,15 @@ RAYS_AT_A_TIME = 1 << 22
 """Their indices take 17 MB."""
 
 
-_trees: WeakKeyDictionary[Surface, _kernel.RayTree] = WeakKeyDictionary()
+_tree = Kept[Surface, _kernel.RayTree]("_ray_tree")
 
 
 def tree_of(surface: Surface) -> _kernel.RayTree:
     """Return the tree over a surface's patches that tells what a ray meets first, built once."""
-    if surface not in _trees:
-        _trees[surface] = _kernel.RayTree(np.ascontiguousarray(surface.vertices, dtype=np.float64))
-    return _trees[surface]
+    kept = _tree.get(surface)
+    if kept is None:
+        kept = _tree.keep(surface, _kernel.RayTree(np.ascontiguousarray(surface.vertices, dtype=np.float64)))
+    return kept
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,7 +81,7 @@ class _Batch:
         return means
 
 
-_first: WeakKeyDictionary[Surface, tuple[int, tuple[_Batch, ...]]] = WeakKeyDictionary()
+_first = Kept[Surface, tuple[int, tuple[_Batch, ...]]]("_first_rays")
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -132,7 +133,7 @@ class RaySample:
             sample._batches, sample.rays = list(kept[1]), np.full(surface.n_patches, FIRST_RAYS, dtype=np.intp)
         else:
             sample.lengthen(FIRST_RAYS)
-            _first[surface] = seed, tuple(sample._batches)
+            _first.keep(surface, (seed, tuple(sample._batches)))
         return sample
 
     def lengthen(self, rays: IntArray | int) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -13,23 +12,26 @@ from sim.arrays import BoolArray, FloatArray
 from sim.geometry.optics import Lens, Pose, undistorted
 from sim.geometry.scene import Hits, Scene, hits_of_tracer, intersect
 from sim.geometry.surface import Surface
+from sim.kept import Kept
 
 TOUCHING_M = 1e-6
 """Nearer to a surface a device stands on it."""
 HARDLY_ANY_LOST = 0.9
 """Share of rays that meet something within a closed surface, whose seams may let some through."""
-_tracers: WeakKeyDictionary[Surface, _kernel.Tracer] = WeakKeyDictionary()
+_tracer = Kept[Surface, _kernel.Tracer]("_tracer")
 
 
 def tracer_of(surface: Surface) -> _kernel.Tracer:
     """Return a surface's tracer, built once: gridded rectangles of a scene, or a tree of boxes over the patches."""
     if isinstance(surface, Scene):
         return surface.tracer
-    if surface not in _tracers:
+    kept = _tracer.get(surface)
+    if kept is None:
         frames = np.concatenate([surface.centres[:, None], plane_axes(surface), surface.normals[:, None]], axis=1)
         corners = np.ascontiguousarray(surface.vertices, dtype=np.float64)
-        _tracers[surface] = _kernel.Tracer(np.zeros((0, 15)), corners, np.ascontiguousarray(frames.reshape(-1, 12)))
-    return _tracers[surface]
+        kept = _kernel.Tracer(np.zeros((0, 15)), corners, np.ascontiguousarray(frames.reshape(-1, 12)))
+        _tracer.keep(surface, kept)
+    return kept
 
 
 def plane_axes(surface: Surface) -> FloatArray:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -15,6 +14,7 @@ from sim.form_factors.occlusion import segments_blocked
 from sim.geometry.adaptive_patches import AdaptivePatches
 from sim.geometry.optics import Lens, Pose, project
 from sim.geometry.rays import stands_in_air
+from sim.kept import Kept
 
 SAMPLES = 4
 """Light is sampled at SAMPLES x SAMPLES points of a patch, and at the square of that where it varies."""
@@ -166,21 +166,20 @@ class Emission:
     """(P,) of the irradiance within each patch."""
 
 
-_known: WeakKeyDictionary[AdaptivePatches, tuple[Lighting, Emission]] = WeakKeyDictionary()
+_known = Kept[AdaptivePatches, tuple[Lighting, Emission]]("_emission")
 
 
 def emission(cells: AdaptivePatches, light: Lighting) -> Emission:
     """Return the mean and variance of a lighting over each patch, found once: a plan's patches are simulated next."""
     kept = _known.get(cells)
     if kept is None or kept[0] is not light:
-        kept = light, _even(cells, light) if light.even else _uneven(cells, light)
-        _known[cells] = kept
+        kept = _known.keep(cells, (light, _even(cells, light) if light.even else _uneven(cells, light)))
     return kept[1]
 
 
 def remember_emission(cells: AdaptivePatches, light: Lighting, known: Emission) -> None:
     """Keep the light on patches that was found piece by piece."""
-    _known[cells] = light, known
+    _known.keep(cells, (light, known))
 
 
 def _even(cells: AdaptivePatches, light: Lighting) -> Emission:
