@@ -31,13 +31,15 @@ Segment = tuple[float, float, float, float]
 """x and y of its ends."""
 
 
-def cut_where_crossed(cells: AdaptivePatches) -> tuple[AdaptivePatches, IntArray]:
+def cut_where_crossed(cells: AdaptivePatches, most_crossings: int | None = None) -> tuple[AdaptivePatches, IntArray]:
     """Return patches cut along the lines where the scene's polygons pass through them or stand on their lit side.
 
     Parameters
     ----------
     cells : AdaptivePatches
         P of them; the polygons are their ``occluders``.
+    most_crossings : int, optional
+        Of patches with polygons: where there are more, none is cut.
 
     Returns
     -------
@@ -51,6 +53,8 @@ def cut_where_crossed(cells: AdaptivePatches) -> tuple[AdaptivePatches, IntArray
         return cells, np.arange(cells.n_patches)
     size_m = float(np.ptp(cells.occluders.reshape(-1, 3), axis=0).max())
     crossed, begin, end = shared_segments(cells.vertices[near], cells.occluders[polygon], size_m)
+    if most_crossings is not None and len(begin) > most_crossings:
+        return cells, np.arange(cells.n_patches)
     order = np.argsort(near[crossed], kind="stable")
     patch, ends = near[crossed][order], np.stack([begin, end], axis=1)[order]
     axes = plane_axes(cells)

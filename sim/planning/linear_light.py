@@ -37,6 +37,9 @@ STEP_SHARE, STEP_HEIGHT = 0.1, 0.03
 of the light. Of all that steps along such lines leave, 98 to 100 % is left where the share is above 0.1, and 86 to 87 %
 where it is above 0.15 (tests/sim/planning/test_steps_and_bends.py); lower steps are known 1.2 times too small at most,
 the root of 0.70 / 0.47."""
+STEP_SURE = 3.0
+"""Standard deviations of noise beyond which it is: else sums over patches, whose noise cancels, would gain the noise of
+those where it is positive, more with each patch."""
 FREE = 3
 """Degrees of freedom that the noise of sixteenths has at least: they share their directions."""
 PATCHES_AT_A_TIME = 1 << 12
@@ -171,16 +174,17 @@ def variation_within(cells: AdaptivePatches, own: IntArray, senders: Senders, *,
     means = [np.einsum("np,npk->pk", share, light) for light in both]
     one, other = (light[..., 1] - mean[:, 1] for light, mean in zip(both, means, strict=True))
     left, right = (_beside_linear(light, offset, share) for light in (one, other))
-    noise = (share * (left - right) ** 2).sum(axis=0) / 2
+    noise = (share * (left - right) ** 2).sum(axis=0) / 2 / np.sqrt(FREE)
     beside_constant = (share * one * other).sum(axis=0) / SEEN_OF_LINEAR
     beside_linear = (share * left * right).sum(axis=0)
     middle = (means[0][:, 1] + means[1][:, 1]) / 2
     step = (beside_linear > STEP_SHARE * beside_constant) & (beside_linear > (STEP_HEIGHT * middle) ** 2)
+    step &= beside_linear > STEP_SURE * noise
     seen = np.where(step, SEEN_OF_STEP, SEEN_OF_BEND)
     return Variation(
         beside_constant=beside_constant,
         beside_linear=beside_linear / seen,
-        noise=noise / np.sqrt(FREE) / seen,
+        noise=noise / seen,
         pieces=(one, other),
     )
 

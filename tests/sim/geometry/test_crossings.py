@@ -102,3 +102,9 @@ def test_patches_that_nothing_crosses_stay_as_they_are():
     pieces, parents = cut_where_crossed(cells)
     assert pieces is cells
     assert parents.tolist() == [0, 1]
+
+
+def test_where_there_are_more_crossings_than_asked_for_nothing_is_cut():
+    cells = patches_of(FLOOR, upright(0.5, -1, 1))  # the floor and the wall, each crossed by the other
+    assert cut_where_crossed(cells, most_crossings=1)[0] is cells
+    assert cut_where_crossed(cells, most_crossings=2)[0].n_patches == cut_where_crossed(cells)[0].n_patches

@@ -127,3 +127,21 @@ def test_the_error_of_slopes_is_what_many_rays_find_where_things_pierce_each_oth
         actual = weight @ cells.variation(found.slopes - many.slopes)
         estimated = weight @ (cells.areas * found.squared_error)
         assert 0.8 < estimated / actual < 2
+
+
+def test_few_rays_find_in_the_sum_what_many_do_where_noise_is_greater_than_what_there_is():
+    # Which patches are taken for stepped ones, of whose squares more is hidden, may not depend on noise: its positive
+    # part would add up over thousands of patches, twelve times what there is in this corner by eight rays.
+    cells, _ = cut_where_crossed(coarsest_patches(random_corner(6, 1000)))
+    light = make_test_lighting("uniform", cells)
+    B = simulate(cells, light, Model(method="rays", visibility="rays", residual=1e-5, sampling=2e-3)).B[:, 0]
+    senders, own = Senders.even(cells, B), np.arange(cells.n_patches)
+
+    def left(rays, stream):
+        seen = variation_within(cells, own, senders, rays=rays, stream=stream)
+        return float((cells.areas * cells.reflectance**2 * seen.beside_linear).sum())
+
+    many = np.mean([left(512, stream) for stream in (1000, 2000)])
+    few = np.array([left(8, 10 * k) for k in range(24)])
+    assert few.mean() == pytest.approx(many, abs=4 * few.std() / np.sqrt(len(few)))
+    assert few.std() > many
