@@ -5,8 +5,10 @@ import pytest
 
 from sim.errors import SimulationError
 from sim.form_factors import form_factors
+from sim.geometry.adaptive_patches import coarsest_patches
+from sim.geometry.crossings import cut_where_crossed
 from sim.light.lighting import make_test_lighting
-from sim.planning.check import refined_check
+from sim.planning.check import refined_check, squared_at_points
 from sim.planning.methods import MOST_SHADOW_S, SHADOW_S, bounces_needed
 from sim.planning.plan import plan
 from sim.planning.simulation import Model, simulate
@@ -116,6 +118,18 @@ def test_where_sixteenths_do_not_fit_rays_tell_of_steps_within_quarters_what_the
         refined_check(simulation, made.light, made.model, most).rms for most in (0, 16 * made.patches)
     )
     assert 0.97 * on_sixteenths < by_points < 1.2 * on_sixteenths
+
+
+def test_an_error_at_sixteenths_is_the_same_whatever_rays_tell_it():
+    cells, _ = cut_where_crossed(coarsest_patches(random_corner(6, 300)))
+    light = make_test_lighting("uniform", cells)
+    model = Model(method="rays", visibility="rays", residual=1e-6, sampling=1e-3, linear=True)
+    coarse, finer = (simulate(each, light, model) for each in (cells, cells.quarters()))
+    ours = coarse.irradiance_at(finer.cells.quarters().quarters())
+    means = finer.irradiance, finer.irradiance
+    squared = [squared_at_points(finer, means, ours, known=0.0, seed=10 * k)[0] for k in range(5)]
+    # By the first sixteen rays a sixteenth they differ by 11 %, and at a fifth of this error by half.
+    assert np.std(squared) < 0.04 * np.mean(squared)
 
 
 def test_light_that_changes_within_facets_gets_slopes_before_facets_are_cut():
