@@ -31,15 +31,13 @@ Segment = tuple[float, float, float, float]
 """x and y of its ends."""
 
 
-def cut_where_crossed(cells: AdaptivePatches, most_crossings: int | None = None) -> tuple[AdaptivePatches, IntArray]:
+def cut_where_crossed(cells: AdaptivePatches) -> tuple[AdaptivePatches, IntArray]:
     """Return patches cut along the lines where the scene's polygons pass through them or stand on their lit side.
 
     Parameters
     ----------
     cells : AdaptivePatches
         P of them; the polygons are their ``occluders``.
-    most_crossings : int, optional
-        Of patches with polygons: where there are more, none is cut.
 
     Returns
     -------
@@ -48,15 +46,7 @@ def cut_where_crossed(cells: AdaptivePatches, most_crossings: int | None = None)
     parents : (pieces,) int array
         The patch that each was cut from, in ascending order.
     """
-    near, polygon = near_pairs_between(cells.vertices, cells.occluders).T
-    if not len(near):
-        return cells, np.arange(cells.n_patches)
-    size_m = float(np.ptp(cells.occluders.reshape(-1, 3), axis=0).max())
-    crossed, begin, end = shared_segments(cells.vertices[near], cells.occluders[polygon], size_m)
-    if most_crossings is not None and len(begin) > most_crossings:
-        return cells, np.arange(cells.n_patches)
-    order = np.argsort(near[crossed], kind="stable")
-    patch, ends = near[crossed][order], np.stack([begin, end], axis=1)[order]
+    patch, ends = _crossed(cells)
     axes = plane_axes(cells)
     ends_uv = np.einsum("nek,nak->nea", ends - cells.centres[patch, None], axes[patch])
     corners_uv = np.einsum("pck,pak->pca", cells.vertices - cells.centres[:, None], axes)
@@ -79,6 +69,24 @@ def cut_where_crossed(cells: AdaptivePatches, most_crossings: int | None = None)
             pieces.append(cells.centres[one] + np.array(quads) @ axes[one])
             parents.append(np.full(len(quads), one, dtype=np.intp))
     return _with_pieces(cells, pieces, parents)
+
+
+def crossings_each(cells: AdaptivePatches, looked_at: int) -> float:
+    """Return how many polygons cross a patch, on average over so many patches, evenly chosen."""
+    count = min(looked_at, cells.n_patches)
+    some = cells.chosen(np.linspace(0, cells.n_patches - 1, count).round().astype(np.intp))
+    return len(_crossed(some)[0]) / count
+
+
+def _crossed(cells: AdaptivePatches) -> tuple[IntArray, FloatArray]:
+    """Patches that polygons cross, in ascending order, once for each, and (crossings, 2, 3) where from and to [m]."""
+    near, polygon = near_pairs_between(cells.vertices, cells.occluders).T
+    if not len(near):
+        return near, np.zeros((0, 2, 3))
+    size_m = float(np.ptp(cells.occluders.reshape(-1, 3), axis=0).max())
+    crossed, begin, end = shared_segments(cells.vertices[near], cells.occluders[polygon], size_m)
+    order = np.argsort(near[crossed], kind="stable")
+    return near[crossed][order], np.stack([begin, end], axis=1)[order]
 
 
 def _runs(patch: IntArray) -> tuple[IntArray, list[IntArray]]:

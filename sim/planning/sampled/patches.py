@@ -16,7 +16,7 @@ import numpy as np
 
 from sim.errors import SimulationError
 from sim.geometry.adaptive_patches import AdaptivePatches
-from sim.geometry.crossings import cut_where_crossed
+from sim.geometry.crossings import crossings_each, cut_where_crossed
 from sim.light.lighting import Lighting, emission
 from sim.planning.sampled.bounces import Bounces
 from sim.planning.sampled.pieces import Pieces
@@ -31,9 +31,9 @@ NUMBERS_DONE, MEASURED_DONE = 0.6, 0.8
 """Shares of the work after its parts, roughly."""
 RELOOK = 1.1
 """Times the patches of the start from which on light bounces between the pieces, and those are judged again."""
-MOST_CROSSINGS = 2.0
-"""A patch, up to which all are cut where they are crossed before light is looked at within them: random corners have
-0 to 0.6; of a soup of triangles, which has many more, only those are that hold much of the error."""
+MOST_CROSSINGS, CROSSINGS_OF = 2.0, 100
+"""A patch, on average over so many, up to which all are cut where they are crossed before light is looked at within
+them: random corners have 0 to 0.6; of a soup of triangles only those are that hold much of the error."""
 FAR_OFF, MUCH_MORE, SLOWEST = 2.0, 1.5, 0.2
 """Times the goal beyond which progress is looked at, times the patches from which on it can be told, and the power of
 the patches' number with which an error must fall: smooth light has 1/2, an edge in patches 1/4."""
@@ -178,7 +178,9 @@ class _Look:
 
 def _without_crossings(cells: AdaptivePatches) -> AdaptivePatches:
     """Patches cut where others pass through them, whole from here on; the same ones where most are crossed often."""
-    pieces, _ = cut_where_crossed(cells, most_crossings=round(MOST_CROSSINGS * cells.n_patches))
+    if crossings_each(cells, CROSSINGS_OF) > MOST_CROSSINGS:
+        return cells
+    pieces, _ = cut_where_crossed(cells)
     return cells if pieces.n_patches == cells.n_patches else replace(pieces, whole=np.arange(pieces.n_patches))
 
 

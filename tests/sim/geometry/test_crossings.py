@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from sim.geometry.adaptive_patches import coarsest_patches
-from sim.geometry.crossings import cut_where_crossed
+from sim.geometry.crossings import crossings_each, cut_where_crossed
 from sim.geometry.mesh import Mesh
 from sim.scenes.cluttered import random_corner
 
@@ -104,7 +104,8 @@ def test_patches_that_nothing_crosses_stay_as_they_are():
     assert parents.tolist() == [0, 1]
 
 
-def test_where_there_are_more_crossings_than_asked_for_nothing_is_cut():
-    cells = patches_of(FLOOR, upright(0.5, -1, 1))  # the floor and the wall, each crossed by the other
-    assert cut_where_crossed(cells, most_crossings=1)[0] is cells
-    assert cut_where_crossed(cells, most_crossings=2)[0].n_patches == cut_where_crossed(cells)[0].n_patches
+def test_crossings_are_counted_at_some_patches_or_at_all():
+    cells = patches_of(FLOOR, upright(0.5, -1, 1), upright(1.5, -1, 1))  # the floor is crossed twice, each wall once
+    assert crossings_each(cells, looked_at=10) == 4 / cells.n_patches
+    assert crossings_each(cells, looked_at=1) == 2
+    assert crossings_each(patches_of(FLOOR, upright(0.5, 0.1, 1)), looked_at=10) == 0
