@@ -26,6 +26,13 @@ NOTHING = 1e-9
 """Of a patch's size, and squared of its area: what is cut off where a line goes through a corner but for rounding is no
 edge and no piece."""
 
+MOST_CROSSINGS = 64
+"""Of a patch that is cut along them: a thing of many facets that stands on it has some dozen. Of a soup of 2,000
+triangles each is crossed a thousand times, and would be cut into as many pieces."""
+FIRST, PAIRS_AT_A_TIME = 128, 1 << 20
+"""Patches whose neighbours are looked at first, and pairs that are looked at together from then on, about (0.5 GB): a
+soup of 20,000 triangles has a hundred million."""
+
 Point = tuple[float, float]
 Segment = tuple[float, float, float, float]
 """x and y of its ends."""
@@ -33,6 +40,8 @@ Segment = tuple[float, float, float, float]
 
 def cut_where_crossed(cells: AdaptivePatches) -> tuple[AdaptivePatches, IntArray]:
     """Return patches cut along the lines where the scene's polygons pass through them or stand on their lit side.
+
+    Patches that more than ``MOST_CROSSINGS`` polygons cross stay whole.
 
     Parameters
     ----------
@@ -47,6 +56,8 @@ def cut_where_crossed(cells: AdaptivePatches) -> tuple[AdaptivePatches, IntArray
         The patch that each was cut from, in ascending order.
     """
     patch, ends = _crossed(cells)
+    seldom = np.bincount(patch, minlength=cells.n_patches)[patch] <= MOST_CROSSINGS
+    patch, ends = patch[seldom], ends[seldom]
     axes = plane_axes(cells)
     ends_uv = np.einsum("nek,nak->nea", ends - cells.centres[patch, None], axes[patch])
     corners_uv = np.einsum("pck,pak->pca", cells.vertices - cells.centres[:, None], axes)
@@ -80,13 +91,18 @@ def crossings_each(cells: AdaptivePatches, looked_at: int) -> float:
 
 def _crossed(cells: AdaptivePatches) -> tuple[IntArray, FloatArray]:
     """Patches that polygons cross, in ascending order, once for each, and (crossings, 2, 3) where from and to [m]."""
-    near, polygon = near_pairs_between(cells.vertices, cells.occluders).T
-    if not len(near):
-        return near, np.zeros((0, 2, 3))
-    size_m = float(np.ptp(cells.occluders.reshape(-1, 3), axis=0).max())
-    crossed, begin, end = shared_segments(cells.vertices[near], cells.occluders[polygon], size_m)
-    order = np.argsort(near[crossed], kind="stable")
-    return near[crossed][order], np.stack([begin, end], axis=1)[order]
+    size_m = float(np.ptp(cells.occluders.reshape(-1, 3), axis=0).max()) if len(cells.occluders) else 0.0
+    patches, ends = [np.zeros(0, dtype=np.intp)], [np.zeros((0, 2, 3))]
+    first, count = 0, FIRST
+    while first < cells.n_patches:
+        vertices = cells.vertices[first : first + count]
+        near, polygon = near_pairs_between(vertices, cells.occluders).T
+        crossed, begin, end = shared_segments(vertices[near], cells.occluders[polygon], size_m)
+        order = np.argsort(near[crossed], kind="stable")
+        patches.append(first + near[crossed][order])
+        ends.append(np.stack([begin, end], axis=1)[order])
+        first, count = first + count, max(PAIRS_AT_A_TIME * count // (len(near) + 1), 1)
+    return np.concatenate(patches), np.concatenate(ends)
 
 
 def _runs(patch: IntArray) -> tuple[IntArray, list[IntArray]]:

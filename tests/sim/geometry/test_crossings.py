@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
+from sim.geometry import crossings
 from sim.geometry.adaptive_patches import coarsest_patches
-from sim.geometry.crossings import crossings_each, cut_where_crossed
+from sim.geometry.crossings import MOST_CROSSINGS, crossings_each, cut_where_crossed
 from sim.geometry.mesh import Mesh
 from sim.scenes.cluttered import random_corner
 
@@ -109,3 +110,23 @@ def test_crossings_are_counted_at_some_patches_or_at_all():
     assert crossings_each(cells, looked_at=10) == 4 / cells.n_patches
     assert crossings_each(cells, looked_at=1) == 2
     assert crossings_each(patches_of(FLOOR, upright(0.5, 0.1, 1)), looked_at=10) == 0
+
+
+def test_a_patch_that_very_many_cross_stays_whole_and_the_others_are_cut():
+    places = np.linspace(0.2, 1.8, MOST_CROSSINGS)
+    fence = [upright(x, -1, 1) for x in places]
+    assert len(areas_of(0, patches_of(FLOOR, *fence))) == MOST_CROSSINGS + 1
+    cells = patches_of(FLOOR, *fence, upright(1.9, -1, 1))
+    assert areas_of(0, cells) == [4.0]
+    assert areas_of(1, cells) == pytest.approx([4.0, 4.0])
+
+
+def test_crossings_are_the_same_however_many_pairs_are_looked_at_together(monkeypatch):
+    cells = coarsest_patches(random_corner(2, 600))
+    at_once, of_all = cut_where_crossed(cells)
+    monkeypatch.setattr(crossings, "FIRST", 7)
+    monkeypatch.setattr(crossings, "PAIRS_AT_A_TIME", 50)
+    by_parts, of_parts = cut_where_crossed(cells)
+    assert at_once.n_patches > cells.n_patches
+    assert np.array_equal(by_parts.vertices, at_once.vertices)
+    assert np.array_equal(of_parts, of_all)
