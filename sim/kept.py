@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Generic, TypeVar, cast
 
@@ -23,6 +24,11 @@ class Kept(Generic[Of, Found]):
     def get(self, owner: Of) -> Found | None:
         """Return what was found for it; None where nothing was yet."""
         return cast("Found | None", vars(owner).get(self.name))
+
+    def once(self, owner: Of, find: Callable[[], Found]) -> Found:
+        """Return what was found for it; found now where nothing was yet."""
+        found = self.get(owner)
+        return self.keep(owner, find()) if found is None else found
 
     def keep(self, owner: Of, found: Found) -> Found:
         """Keep it, in place of what was there, and return it."""

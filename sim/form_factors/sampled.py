@@ -53,10 +53,7 @@ _tree = Kept[Surface, _kernel.RayTree]("_ray_tree")
 
 def tree_of(surface: Surface) -> _kernel.RayTree:
     """Return the tree over a surface's patches that tells what a ray meets first, built once."""
-    kept = _tree.get(surface)
-    if kept is None:
-        kept = _tree.keep(surface, _kernel.RayTree(np.ascontiguousarray(surface.vertices, dtype=np.float64)))
-    return kept
+    return _tree.once(surface, lambda: _kernel.RayTree(np.ascontiguousarray(surface.vertices, dtype=np.float64)))
 
 
 @dataclass(frozen=True, eq=False)

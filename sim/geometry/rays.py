@@ -25,13 +25,13 @@ def tracer_of(surface: Surface) -> _kernel.Tracer:
     """Return a surface's tracer, built once: gridded rectangles of a scene, or a tree of boxes over the patches."""
     if isinstance(surface, Scene):
         return surface.tracer
-    kept = _tracer.get(surface)
-    if kept is None:
-        frames = np.concatenate([surface.centres[:, None], plane_axes(surface), surface.normals[:, None]], axis=1)
-        corners = np.ascontiguousarray(surface.vertices, dtype=np.float64)
-        kept = _kernel.Tracer(np.zeros((0, 15)), corners, np.ascontiguousarray(frames.reshape(-1, 12)))
-        _tracer.keep(surface, kept)
-    return kept
+    return _tracer.once(surface, lambda: _tracer_over(surface))
+
+
+def _tracer_over(surface: Surface) -> _kernel.Tracer:
+    frames = np.concatenate([surface.centres[:, None], plane_axes(surface), surface.normals[:, None]], axis=1)
+    corners = np.ascontiguousarray(surface.vertices, dtype=np.float64)
+    return _kernel.Tracer(np.zeros((0, 15)), corners, np.ascontiguousarray(frames.reshape(-1, 12)))
 
 
 def plane_axes(surface: Surface) -> FloatArray:

@@ -11,7 +11,7 @@ from sim.form_factors.factors import Visibility
 from sim.geometry.adaptive_patches import PIECES, AdaptivePatches
 from sim.light.lighting import Lighting
 from sim.planning.cost import largest_dense
-from sim.planning.linear_light import FREE, Senders, gathered
+from sim.planning.linear_light import FREE, Senders, gathered, variance_of_product
 from sim.planning.methods import largest_sampled
 from sim.planning.simulation import SLOPES_NOISE, Model, Simulation, simulate
 from sim.progress import OnProgress, unheard
@@ -102,7 +102,7 @@ def refined_check(
             finer,
             (finer.irradiance, finer.irradiance),
             coarse_light,
-            known=POINT_DOUBT * model.sampling**2,
+            sampling=model.sampling,
             seed=refined(model).seed,
         )
     else:
@@ -112,7 +112,7 @@ def refined_check(
 
 
 def squared_at_points(
-    finer: Simulation, means: tuple[FloatArray, FloatArray], coarse: FloatArray, *, known: float, seed: int
+    finer: Simulation, means: tuple[FloatArray, FloatArray], coarse: FloatArray, *, sampling: float, seed: int
 ) -> FloatArray:
     """Return the squared difference of radiosity times area at sixteenths of the patches of a finer solution.
 
@@ -128,8 +128,8 @@ def squared_at_points(
         Irradiance of its patches; 1 = white. Where it is noisy, two whose noise is independent.
     coarse : (16 P, C) array
         Irradiance at the sixteenths that it is compared with; 1 = white.
-    known : float
-        Of the mean squared error: a standard deviation by noise that matters no more; 1 = white.
+    sampling : float
+        Error that the rays of the coarser solution may leave: smaller ones need not be known as well; 1 = white.
     seed : int
         Of the rays.
 
@@ -138,30 +138,29 @@ def squared_at_points(
     (C,) array
         [m²]; 1 = white.
     """
-    areas, rays = finer.cells.sixteenths().areas.reshape(PIECES, -1), POINT_RAYS
-    while True:
-        found = [
-            _squared(finer, channel, [mean[:, channel] for mean in means], coarse[:, channel], rays=rays, seed=seed)
-            for channel in range(finer.reflectance.shape[1])
-        ]
-        enough = [doubt <= max(POINT_DOUBT * squared, known * float(areas.sum())) for squared, doubt in found]
-        if all(enough) or MORE_POINT_RAYS * rays > MOST_POINT_RAYS:
-            return np.array([squared for squared, _ in found])
-        rays *= MORE_POINT_RAYS
+    areas, least = finer.cells.sixteenths().areas.reshape(PIECES, -1), sampling**2 * float(finer.cells.areas.sum())
+    squared = []
+    for channel in range(finer.reflectance.shape[1]):
+        of_means, ours = [mean[:, channel] for mean in means], coarse[:, channel].reshape(PIECES, -1)
+        rays, doubt, known = POINT_RAYS // MORE_POINT_RAYS, np.inf, 0.0
+        while doubt > POINT_DOUBT * max(known, least) and rays < MOST_POINT_RAYS:
+            rays *= MORE_POINT_RAYS
+            light = _light_at_points(finer, channel, rays, seed)
+            known, doubt = _squared(light, of_means, ours, areas=areas, rho=finer.reflectance[:, channel])
+        squared.append(known)
+    return np.array(squared)
 
 
 def _squared(
-    finer: Simulation, channel: int, means: list[FloatArray], coarse: FloatArray, *, rays: int, seed: int
+    light: list[FloatArray], means: list[FloatArray], ours: FloatArray, *, areas: FloatArray, rho: FloatArray
 ) -> tuple[float, float]:
     """Squared difference times area of one colour, and its standard deviation by the noise of the rays [m²]."""
-    cells: AdaptivePatches = finer.cells
-    areas, ours = cells.sixteenths().areas.reshape(PIECES, -1), coarse.reshape(PIECES, -1)
-    share, weight = areas / cells.areas, areas * finer.reflectance[:, channel] ** 2
-    within = [light - (share * light).sum(axis=0) for light in _light_at_points(finer, channel, rays, seed)]
-    one, other = (mean - ours + light for mean, light in zip(means, within, strict=True))
-    each = (weight * one * other).sum(axis=0)
+    weight, share = areas * rho**2, areas / areas.sum(axis=0)
+    within = [each - (share * each).sum(axis=0) for each in light]
+    one, other = (mean - ours + each for mean, each in zip(means, within, strict=True))
+    squared = (weight * one * other).sum(axis=0)
     noise = (weight * (within[0] - within[1]) ** 2).sum(axis=0) / 2 / np.sqrt(FREE)
-    return float(each.sum()), float(np.sqrt((noise * (noise + 2 * np.maximum(each, 0.0))).sum()))
+    return float(squared.sum()), float(np.sqrt(variance_of_product(squared, noise).sum()))
 
 
 def _light_at_points(finer: Simulation, channel: int, rays: int, seed: int) -> list[FloatArray]:

@@ -17,7 +17,7 @@ from sim.light.gloss.walks import GlossySurface
 from sim.light.lighting import Lighting
 from sim.light.radiosity import Radiosity
 from sim.planning.adapt import gradients
-from sim.planning.check import POINT_DOUBT, Check, refined, squared_at_points
+from sim.planning.check import Check, refined, squared_at_points
 from sim.planning.cost import Cost
 from sim.planning.gloss_places import places_on
 from sim.planning.simulation import Model, Simulation, light_at, simulate
@@ -307,8 +307,7 @@ def refined_gloss_check(
     one, other = (rho * (half - ours) for half in finer.halves_at(places))
     if model.sampling is not None and times == 1:
         at_points = glossy.irradiance_at(fine.quarters().quarters())
-        known = POINT_DOUBT * model.sampling**2
-        squared = squared_at_points(matte, finer.halves, at_points, known=known, seed=OTHER_SEED)
+        squared = squared_at_points(matte, finer.halves, at_points, sampling=model.sampling, seed=OTHER_SEED)
     else:
         squared = (places.areas[:, None] * one * other).sum(axis=0)
     squared *= pieces / (pieces - 1) / fine.areas.sum()

@@ -189,6 +189,11 @@ def variation_within(cells: AdaptivePatches, own: IntArray, senders: Senders, *,
     )
 
 
+def variance_of_product(product: FloatArray, noise: FloatArray) -> FloatArray:
+    """Return the variance of a product of two measurements of one thing, whose noise of a variance is independent."""
+    return np.asarray(noise * (2 * np.maximum(product, 0.0) + noise))
+
+
 def _beside_linear(light: FloatArray, offset: FloatArray, share: FloatArray) -> FloatArray:
     """(16, P) what is left of deviations from the mean, once their slope is taken out."""
     weighed = share[..., None] * offset

@@ -31,7 +31,7 @@ NUMBERS_DONE, MEASURED_DONE = 0.6, 0.8
 """Shares of the work after its parts, roughly."""
 RELOOK = 1.1
 """Times the patches of the start from which on light bounces between the pieces, and those are judged again."""
-MOST_CROSSINGS, CROSSINGS_OF = 2.0, 100
+FEW_CROSSINGS, CROSSINGS_OF = 2.0, 100
 """A patch, on average over so many, up to which all are cut where they are crossed before light is looked at within
 them: random corners have 0 to 0.6; of a soup of triangles only those are that hold much of the error."""
 FAR_OFF, MUCH_MORE, SLOWEST = 2.0, 1.5, 0.2
@@ -178,7 +178,7 @@ class _Look:
 
 def _without_crossings(cells: AdaptivePatches) -> AdaptivePatches:
     """Patches cut where others pass through them, whole from here on; the same ones where most are crossed often."""
-    if crossings_each(cells, CROSSINGS_OF) > MOST_CROSSINGS:
+    if crossings_each(cells, CROSSINGS_OF) > FEW_CROSSINGS:
         return cells
     pieces, _ = cut_where_crossed(cells)
     return cells if pieces.n_patches == cells.n_patches else replace(pieces, whole=np.arange(pieces.n_patches))

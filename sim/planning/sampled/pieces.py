@@ -16,7 +16,7 @@ from sim.geometry.adaptive_patches import AdaptivePatches, joined
 from sim.geometry.crossings import cut_where_crossed
 from sim.light.lighting import Emission, Lighting, emission, remember_emission
 from sim.planning.adapt import gradients, squared_light_edges
-from sim.planning.linear_light import Senders, Variation, variation_within
+from sim.planning.linear_light import Senders, Variation, variance_of_product, variation_within
 from sim.planning.sampled.bounces import Bounces
 from sim.planning.sampled.uneven_senders import UnevenSenders
 
@@ -120,7 +120,7 @@ class Pieces:
                 self.bounces.all_of(self.start.reflectance * shift) for shift in senders.shifts(rays, self.stream)
             )
             noise = (one - other) ** 2 / 2
-            variance = self.start.areas**2 * noise * (2 * np.maximum(one * other, 0.0) + noise)
+            variance = self.start.areas**2 * variance_of_product(one * other, noise)
             doubt = TOTAL_SURE * float(np.sqrt(variance.sum()))
             sure = max(float(self.start.areas @ (one * other)), 0.0) + doubt
             known = doubt <= SENDER_NOISE * self.goal**2 * self.area
