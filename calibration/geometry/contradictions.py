@@ -10,7 +10,7 @@ import numpy as np
 
 from calibration.arrays import FloatArray
 from calibration.errors import CalibrationError
-from calibration.geometry.bundle_unknowns import CAMERA, FOCAL_SIGMA, PROJECTOR, planes_of
+from calibration.geometry.bundle_unknowns import CAMERA, FOCAL_SIGMA, PROJECTOR, PlanarScene, planes_of
 from calibration.geometry.flat.endless import check_walls_end
 from calibration.geometry.flat.left_out import MOST_LEFT_OUT, check_none_left_out
 from calibration.geometry.known.nominal import NominalIntrinsics
@@ -49,7 +49,7 @@ MOST_DISTANCE_SIGMA = 0.1
 def hold_against_all(
     x1: FloatArray,
     x2: FloatArray,
-    bundle: BundleSolution,
+    bundle: PlanarScene,
     nominal: NominalIntrinsics,
     *,
     weight: FloatArray,
@@ -61,7 +61,7 @@ def hold_against_all(
     ----------
     x1, x2 : (N, 2)
         Corresponding pixels in an order drawn by chance. [px]
-    bundle : BundleSolution
+    bundle : PlanarScene
         Where the fit begins.
     nominal : NominalIntrinsics
         Of both lenses.

@@ -23,7 +23,7 @@ from calibration.geometry.contradictions import hold_against_all
 from calibration.geometry.flat.averaging import without_averaging
 from calibration.geometry.flat.depth_reversal import likelier_depths
 from calibration.geometry.flat.one_wall import fit_where_flat
-from calibration.geometry.flat.rivals import uncontradicted_rival
+from calibration.geometry.flat.rivals import uncontradicted_rival, with_square_walls
 from calibration.geometry.flat.third_wall import WeighedPoints, weights_of, with_third_wall
 from calibration.geometry.known.contradiction import OtherLens, contradiction, hold_against_boards
 from calibration.geometry.known.lenses import KnownLenses
@@ -250,6 +250,7 @@ def _calibrated(
         if rival is None:
             raise
         final = rival
+    final = with_square_walls(x1, x2, final, nominal=nominal, weight=weight)
     hold_against_boards(final)
     whole = without_averaging(every.camera_xy_px, every.projector_xy_px, final, averaged_px2)
     points = replace(every, projector_xy_px=whole)

@@ -154,8 +154,9 @@ class RaySample:
             )
         while (short := np.flatnonzero(self.rays < wanted)).size:
             # In pieces that double a sequence, so that its second half is its last piece.
-            for have in np.unique(self.rays[short]):
-                self._add(short[self.rays[short] == have], int(have), int(max(have, FEWEST_RAYS // 2)))
+            sent = self.rays[short]
+            for have in np.unique(sent):
+                self._add(short[sent == have], int(have), int(max(have, FEWEST_RAYS // 2)))
 
     def _add(self, rows: IntArray, first: int, count: int) -> None:
         tree, step = tree_of(self.surface), max(1, RAYS_AT_A_TIME // count)
@@ -192,7 +193,8 @@ class RaySample:
         Returns
         -------
         Halves
-            (P, 3) means of what a ray brings times where it began, from the patch's centroid [unit of x times m].
+            (P, 3) means of what a ray brings, over what all of its half bring on average, times where it began, from
+            the patch's centroid [unit of x times m]. Light that is the same everywhere has none, by few rays as well.
         """
         values, tree = np.ascontiguousarray(x, dtype=np.float64), tree_of(self.surface)
         means = []

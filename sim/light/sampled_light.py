@@ -166,6 +166,33 @@ def sampled_light(
             variance = less * sample.halves(light.B).standard_error ** 2
 
 
+def lengthened(sample: RaySample, squared: FloatArray, *, goal: float, most_rays: int = MOST_RAYS) -> RaySample:
+    """Return the sample with more rays where squared errors of patches, averaged over neighbours, are large.
+
+    Parameters
+    ----------
+    sample : RaySample
+        It is lengthened in place.
+    squared : (P,) array
+        Mean square over each patch of an error that falls as its rays' does; may be negative for one patch.
+    goal : float
+        Wanted RMS over the surface, in the unit of the error.
+    most_rays : int
+        Of a patch.
+
+    Returns
+    -------
+    RaySample
+    """
+    areas = sample.surface.areas
+    smooth = areas * _smooth(squared, along_curve(sample.surface))
+    total = max(float(areas @ squared), 0.0)
+    if smooth.any():
+        each = smooth * total / smooth.sum()
+        sample.lengthen(_wanted(sample.rays, each, AIM**2 * goal**2 * float(areas.sum()), most_rays))
+    return sample
+
+
 def _solved(
     sample: RaySample, E: FloatArray, reflectance: FloatArray, error: float
 ) -> tuple[SampledLight, FloatArray, Received]:

@@ -14,12 +14,15 @@ from sim.planning.cost import largest_dense
 from sim.planning.linear_light import FREE, Senders, gathered, variance_of_product
 from sim.planning.methods import largest_sampled
 from sim.planning.simulation import SLOPES_NOISE, Model, Simulation, simulate
-from sim.progress import OnProgress, unheard
+from sim.progress import OnProgress, part_of, unheard
 
 OTHER_SEED = 1_000_003
 """Added to a model's seed for the rays that check it."""
-FINER_SAMPLING = 4
-"""The check's rays leave so many times less error than the model's."""
+FINER_SAMPLING, EACH_OF_TWO = 4, 2
+"""Times less error than the model's that the rays of a check leave, and those of either of two whose noise is
+independent: the product of the differences from both has no bias by it, and they take a third of the memory."""
+BOTH_KEPT = 1.5
+"""Times the memory of one solution, that two take of which one is kept while the other is made."""
 MOST_DENSE = 16_000
 """Patches of a check without rays: its dense factors take 2 GB."""
 POINT_RAYS, MOST_POINT_RAYS, MORE_POINT_RAYS = 16, 1024, 4
@@ -46,8 +49,8 @@ def largest_check(model: Model, memory_mb: float) -> int:
     """Return the most patches of a refined solution that fit in memory [MB], and that a check should take."""
     if model.sampling is None:
         return min(MOST_DENSE, largest_dense(memory_mb))
-    error = model.sampling / FINER_SAMPLING / (SLOPES_NOISE if model.linear else 1.0)
-    return largest_sampled(memory_mb, error)
+    error = model.sampling / EACH_OF_TWO / (SLOPES_NOISE if model.linear else 1.0)
+    return largest_sampled(memory_mb / BOTH_KEPT, error)
 
 
 def refined(model: Model) -> Model:
@@ -58,6 +61,15 @@ def refined(model: Model) -> Model:
     return replace(model, visibility=visibility, compression=None)
 
 
+def _both_refined(model: Model) -> tuple[Model, Model]:
+    """Two models of a check by rays, whose noise is independent; the same one twice where there is no noise."""
+    if model.sampling is None:
+        return refined(model), refined(model)
+    sampling = model.sampling / EACH_OF_TWO
+    one, other = (replace(model, sampling=sampling, seed=model.seed + k * OTHER_SEED) for k in (1, 2))
+    return one, other
+
+
 def refined_check(
     simulation: Simulation, light: Lighting, model: Model, most_patches: int, *, on_progress: OnProgress = unheard
 ) -> Check:
@@ -65,8 +77,9 @@ def refined_check(
 
     The finer patches still miss 1/4 (or 1/16) of the squared variation within a patch of the coarser ones: their
     squared difference is multiplied by 4/3 (16/15). The refined solution has the whole matrix and exact visibility;
-    where the model goes by rays, it has other rays, which leave a quarter of the error. Where light is linear within
-    patches, both solutions are compared on quarters of the refined one's patches, where they may bend.
+    where the model goes by rays, there are two by other rays, which leave half of the error each, and their noise adds
+    none. Where light is linear within patches, solutions are compared on quarters of the refined ones' patches, where
+    they may bend.
 
     Light that steps within a patch shows half of what it leaves on quarters. A model by rays is therefore compared at
     sixteenths at least: where the solution on them does not fit, rays that leave sixteenths of the quarters bring them
@@ -90,40 +103,43 @@ def refined_check(
     fine = coarse
     for _ in range(times):
         fine = fine.quarters()
-    finer = simulate(fine, light, refined(model), on_progress)
+    one, other = _both_refined(model)
+    by_rays = model.sampling is not None
+    finer = simulate(fine, light, one, part_of(on_progress, 0.0, 0.5 if by_rays else 1.0))
+    both = finer, simulate(fine, light, other, part_of(on_progress, 0.5, 1.0)) if by_rays else finer
     pieces = 4**times
     places = fine.quarters() if model.linear else fine
-    difference = finer.irradiance_at(places) - simulation.irradiance_at(places)
-    difference *= np.tile(finer.reflectance, (places.n_patches // fine.n_patches, 1))
-    largest = float(np.abs(difference).max())
+    ours, rho = simulation.irradiance_at(places), np.tile(finer.reflectance, (places.n_patches // fine.n_patches, 1))
+    differences = [rho * (each.irradiance_at(places) - ours) for each in both]
+    largest = float(np.abs(differences[0] + differences[1]).max() / 2)
     if model.sampling is not None and times == 1:
-        coarse_light = simulation.irradiance_at(finer.cells.quarters().quarters())
-        squared = squared_at_points(
-            finer,
-            (finer.irradiance, finer.irradiance),
-            coarse_light,
-            sampling=model.sampling,
-            seed=refined(model).seed,
-        )
+        at_points = simulation.irradiance_at(fine.quarters().quarters())
+        means = (both[0].irradiance, both[1].irradiance)
+        squared = squared_at_points(both, means, at_points, sampling=model.sampling, seed=other.seed)
     else:
-        squared = (places.areas[:, None] * difference**2).sum(axis=0)
+        squared = (places.areas[:, None] * differences[0] * differences[1]).sum(axis=0)
     squared *= pieces / (pieces - 1) / places.areas.sum()
     return Check(float(np.sqrt(max(squared.max(), 0.0))), largest, fine.n_patches)
 
 
 def squared_at_points(
-    finer: Simulation, means: tuple[FloatArray, FloatArray], coarse: FloatArray, *, sampling: float, seed: int
+    both: tuple[Simulation, Simulation],
+    means: tuple[FloatArray, FloatArray],
+    coarse: FloatArray,
+    *,
+    sampling: float,
+    seed: int,
 ) -> FloatArray:
     """Return the squared difference of radiosity times area at sixteenths of the patches of a finer solution.
 
     Rays leave all sixteenths of a patch in the same directions: they tell well how the light varies about its mean,
-    which the finer solution knows better than they. Two streams of them leave no bias by their noise, and there are
+    which the finer solutions know better than they. Two streams of them leave no bias by their noise, and there are
     more rays until that hides little of the sum.
 
     Parameters
     ----------
-    finer : Simulation
-        Whose light the rays bring.
+    both : two Simulations
+        Of the same patches, whose light either stream of rays brings; the same one twice where only one is known.
     means : two (P, C) arrays
         Irradiance of its patches; 1 = white. Where it is noisy, two whose noise is independent.
     coarse : (16 P, C) array
@@ -138,6 +154,7 @@ def squared_at_points(
     (C,) array
         [m²]; 1 = white.
     """
+    finer = both[0]
     areas, least = finer.cells.sixteenths().areas.reshape(PIECES, -1), sampling**2 * float(finer.cells.areas.sum())
     squared = []
     for channel in range(finer.reflectance.shape[1]):
@@ -145,7 +162,7 @@ def squared_at_points(
         rays, doubt, known = POINT_RAYS // MORE_POINT_RAYS, np.inf, 0.0
         while doubt > POINT_DOUBT * max(known, least) and rays < MOST_POINT_RAYS:
             rays *= MORE_POINT_RAYS
-            light = _light_at_points(finer, channel, rays, seed)
+            light = [_light_at_points(each, channel, rays, seed + k) for k, each in enumerate(both, 1)]
             known, doubt = _squared(light, of_means, ours, areas=areas, rho=finer.reflectance[:, channel])
         squared.append(known)
     return np.array(squared)
@@ -163,12 +180,11 @@ def _squared(
     return float(squared.sum()), float(np.sqrt(variance_of_product(squared, noise).sum()))
 
 
-def _light_at_points(finer: Simulation, channel: int, rays: int, seed: int) -> list[FloatArray]:
-    """Twice (16, P) what rays bring to the sixteenths of the patches of a solution from itself."""
+def _light_at_points(finer: Simulation, channel: int, rays: int, stream: int) -> FloatArray:
+    """(16, P) what rays bring to the sixteenths of the patches of a solution from itself."""
     cells: AdaptivePatches = finer.cells
     slopes = np.zeros((cells.n_patches, 3))
     if finer.slopes is not None:
         slopes = finer.reflectance[:, channel, None] * finer.slopes[:, :, channel]
     senders = Senders(surface=cells, B=finer.B[:, channel], slopes=slopes)
-    own = np.arange(cells.n_patches)
-    return [gathered(cells, own, senders, rays=rays, stream=seed + k)[..., 1] for k in (1, 2)]
+    return gathered(cells, np.arange(cells.n_patches), senders, rays=rays, stream=stream)[..., 1]

@@ -307,7 +307,7 @@ def refined_gloss_check(
     one, other = (rho * (half - ours) for half in finer.halves_at(places))
     if model.sampling is not None and times == 1:
         at_points = glossy.irradiance_at(fine.quarters().quarters())
-        squared = squared_at_points(matte, finer.halves, at_points, sampling=model.sampling, seed=OTHER_SEED)
+        squared = squared_at_points((matte, matte), finer.halves, at_points, sampling=model.sampling, seed=OTHER_SEED)
     else:
         squared = (places.areas[:, None] * one * other).sum(axis=0)
     squared *= pieces / (pieces - 1) / fine.areas.sum()

@@ -45,9 +45,9 @@ PREFER_EXACT = 1.5
 """Exact factors that take at most so many times as long as rays are preferred: they leave no noise."""
 LEAST_SAVED_S = 0.04
 """Rays that save less are not worth their noise either: nobody tells such methods apart. [s]"""
-RAY_MB = 1.75e-4
-"""Peak memory by ray that an error usually takes: index, counts and matrix from both sides, 5e-5 a ray, of 2 to 5 times
-as many where slopes want to be known, too; 1.1e-4 to 2.7e-4 (paper room at 0.5, 1 and 2 %, corner at 0.5 %)."""
+RAY_MB = 8e-5
+"""Peak memory by ray that an error usually takes: index, counts and matrix from both sides, 2e-5 a ray, of up to 3 times
+as many where slopes want to be known, too; 4.7e-5 to 7.8e-5 (random corners of 1,500 facets at 0.3 to 1 %)."""
 
 
 def exact_s(patches: int, *, method: str, visibility: str, occluders: int) -> float:

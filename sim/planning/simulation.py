@@ -16,15 +16,15 @@ from sim.form_factors.factors import ClosureWarning, Method, Visibility
 from sim.geometry.adaptive_patches import AdaptivePatches
 from sim.light.lighting import Lighting, emission
 from sim.light.radiosity import FormFactorOperator, Radiosity
-from sim.light.sampled_light import SampledLight, received, sampled_light
+from sim.light.sampled_light import SampledLight, lengthened, received, sampled_light
 from sim.planning.linear_light import linear_light
 from sim.progress import OnProgress, part_of, unheard
 
 SLOPES_NOISE = 1.6
 """Error that rays leave of linear light, over that of the means alone: 1.4 to 1.8 in corners with a ball and with other
 things, 128 to 2,048 rays."""
-MOST_LENGTHENED, SLOPES_AIM = 4, 0.95
-"""Times that rays are sent until slopes are known well enough, too, and share of the wanted error that each aims at."""
+MOST_LENGTHENED = 6
+"""Times that more rays are sent until slopes are known well enough, too."""
 FACTORS_SHARE = 0.8
 """Of the work, roughly."""
 HIGHEST_ROW_SUM = 1.1
@@ -161,7 +161,10 @@ def simulate(cells: AdaptivePatches, light: Lighting, model: Model, on_progress:
         # a patch's own rays know more, and the mean of both the most.
         H = _received(sampled, rho, B)
         B = E + rho * H
-    slopes, sampling_error = _linear(cells, sampled, rho, B=B, H=H) if sampled and model.linear else (None, 0.0)
+    slopes, slopes_error = None, 0.0
+    if sampled and model.linear:
+        slopes, squared = _linear(cells, sampled, rho, B=B, H=H)
+        slopes_error = _rms(cells, squared)
     clock_s.append(time.perf_counter())
     light_s, factors_s, solve_s = np.diff(clock_s)
     return Simulation(
@@ -176,7 +179,7 @@ def simulate(cells: AdaptivePatches, light: Lighting, model: Model, on_progress:
         products=sum(solution.products for solution in solutions),
         residual=max(solution.residual for solution in solutions),
         energy_balance=energy_balance,
-        sampling_error=float(np.hypot(sampled.error if sampled else 0.0, sampling_error)),
+        sampling_error=float(np.hypot(sampled.error if sampled else 0.0, slopes_error)),
         factors_s=float(factors_s),
         light_s=float(light_s),
         solve_s=float(solve_s),
@@ -203,13 +206,16 @@ def _received(sampled: SampledLight, rho: FloatArray, B: FloatArray) -> FloatArr
 
 def _linear(
     cells: AdaptivePatches, sampled: SampledLight, rho: FloatArray, *, B: FloatArray, H: FloatArray
-) -> tuple[FloatArray, float]:
-    """(P, 3, C) slopes of the irradiance, and the RMS over the surface that their noise leaves of the radiosity."""
+) -> tuple[FloatArray, FloatArray]:
+    """(P, 3, C) slopes of the irradiance, and (P, C) the squared errors that their noise leaves of the radiosity."""
     fields = [linear_light(sampled.sample, cells, *columns) for columns in zip(B.T, H.T, strict=True)]
-    squared = [
-        float(cells.areas @ (column**2 * field.squared_error)) for column, field in zip(rho.T, fields, strict=True)
-    ]
-    return np.stack([field.slopes for field in fields], axis=2), np.sqrt(max(0.0, *squared) / cells.areas.sum())
+    slopes = np.stack([field.slopes for field in fields], axis=2)
+    return slopes, rho**2 * np.stack([field.squared_error for field in fields], axis=1)
+
+
+def _rms(cells: AdaptivePatches, squared: FloatArray) -> float:
+    """RMS over the surface of the colour that is worst, of (P, C) squared errors, without bias by noise."""
+    return float(np.sqrt(max(0.0, float((cells.areas @ squared).max())) / cells.areas.sum()))
 
 
 def _factors(
@@ -233,19 +239,17 @@ def _sampled(
     """Rays until the light of the brightest colour, which bounces most, is known well enough, and its slopes, too."""
     brightest = int(rho.max(axis=0).argmax())
     emitted, reflectance, allowed = E[:, brightest], rho[:, brightest], float(model.sampling or 0.0)
-    error, sample = allowed / (SLOPES_NOISE if model.linear else 1.0), None
-    for _ in range(MOST_LENGTHENED):
-        sampled = sampled_light(
-            cells, emitted, reflectance, error=error, seed=model.seed, sample=sample, on_progress=on_progress
-        )
+    error = allowed / (SLOPES_NOISE if model.linear else 1.0)
+    sampled = sampled_light(cells, emitted, reflectance, error=error, seed=model.seed, on_progress=on_progress)
+    for _ in range(MOST_LENGTHENED if model.linear else 0):
         sent_back = sampled.B - emitted
         H = np.divide(sent_back, reflectance, out=np.zeros_like(sent_back), where=reflectance > 0)
-        columns = (reflectance[:, None], sampled.B[:, None], H[:, None])
-        slopes = _linear(cells, sampled, columns[0], B=columns[1], H=columns[2])[1] if model.linear else 0.0
-        total = float(np.hypot(sampled.error, slopes))
-        if total <= allowed or not model.linear:
+        squared = _linear(cells, sampled, reflectance[:, None], B=sampled.B[:, None], H=H[:, None])[1]
+        if np.hypot(sampled.error, _rms(cells, squared)) <= allowed:
             break
-        sample, error = sampled.sample, SLOPES_AIM * min(error, sampled.error) * allowed / total
+        # Walls whose mean light is known at once, as in a furnace, may need many rays for their slopes.
+        longer = lengthened(sampled.sample, squared[:, 0], goal=np.sqrt(allowed**2 - sampled.error**2))
+        sampled = sampled_light(cells, emitted, reflectance, error=error, sample=longer, on_progress=on_progress)
     return sampled
 
 

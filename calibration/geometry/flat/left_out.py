@@ -8,6 +8,7 @@ import numpy as np
 from calibration.arrays import BoolArray, FloatArray
 from calibration.errors import CalibrationError
 from calibration.geometry.bundle_residual import rays_of
+from calibration.geometry.bundle_unknowns import PlanarScene
 from calibration.geometry.epipolar import UNDISTORTIONS
 from calibration.geometry.plane_bundle import BundleSolution, transfer_of
 from calibration.geometry.planes import INLIER_PX, ViewedPoints, segment_planes
@@ -50,7 +51,8 @@ def check_none_left_out(solution: BundleSolution, x1: FloatArray, x2: FloatArray
     errors = plane_errors_px(solution, x1, x2).min(axis=0)
     left = np.flatnonzero(errors > _APART * explained_within_px(errors))
     on_planes = errors <= explained_within_px(errors)
-    own = _flat_piece(solution, x1[left], x2[left], (x1[on_planes], x2[on_planes]))
+    pieces = _flat_pieces(solution, x1[left], x2[left], (x1[on_planes], x2[on_planes]))
+    own = max(pieces, key=lambda piece: side_by_side(x1[left], piece), default=np.zeros(len(left), dtype=bool))
     share = side_by_side(x1[left], own) / len(x1) if own.any() else 0.0
     if share > MOST_LEFT_OUT:
         x, y = np.median(x1[left][own], axis=0)
@@ -62,30 +64,32 @@ def check_none_left_out(solution: BundleSolution, x1: FloatArray, x2: FloatArray
         )
 
 
-def _flat_piece(
+def _flat_pieces(
     solution: BundleSolution, x1: FloatArray, x2: FloatArray, explained: tuple[FloatArray, FloatArray]
-) -> BoolArray:
-    """(N,) points of the largest flat piece; none where that is but the tangent of a surface that bends.
+) -> list[BoolArray]:
+    """(N,) points of each flat piece among them; tangents of a surface that bends are none.
 
     `explained` are the points of the fit's own planes: how near they lie to these says what is noise.
     """
-    none = np.zeros(len(x1), dtype=bool)
     found = triangulate(x1, x2, *solution.devices, on_camera_rays=True, undistortions=UNDISTORTIONS)
     seen = ViewedPoints(found.points_m, rays_of(solution.camera, x1), x1, x2)
-    planes = segment_planes(seen, transfer_of(solution.projector), found.in_front)[:1]
-    if not len(planes):
-        return none
-    piece = solution.with_planes(planes)
+    planes = segment_planes(seen, transfer_of(solution.projector), found.in_front)
+    within_px = explained_within_px(plane_errors_px(solution, *explained).min(axis=0))
+    pieces = (_points_of(solution.with_planes(plane[None]), x1, x2, within_px) for plane in planes)
+    return [own for own in pieces if own is not None]
+
+
+def _points_of(piece: PlanarScene, x1: FloatArray, x2: FloatArray, within_px: float) -> BoolArray | None:
+    """(N,) points on the only plane of a piece; None where it is but the tangent of a surface that bends."""
     error = plane_errors_px(piece, x1, x2)[0]
     near = error < _APART * INLIER_PX
     if bending_planes(piece, x1[near], x2[near])[0]:
-        return none
+        return None
     own = np.asarray(error < explained_within_px(error[near]))
-    within_px = explained_within_px(plane_errors_px(solution, *explained).min(axis=0))
-    return none if _leaves_its_homography(solution, x1[own], x2[own], within_px) else own
+    return None if _leaves_its_homography(piece, x1[own], x2[own], within_px) else own
 
 
-def _leaves_its_homography(solution: BundleSolution, x1: FloatArray, x2: FloatArray, within_px: float) -> bool:
+def _leaves_its_homography(solution: PlanarScene, x1: FloatArray, x2: FloatArray, within_px: float) -> bool:
     """Tell whether points bend away from the homography nearest to them, by what is noise on the fit's own planes.
 
     A flat wall has one whatever the focal lengths and the pose are, so that a fit that is wrong does not bend it. Where

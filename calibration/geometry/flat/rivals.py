@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
+from dataclasses import replace
 
 import numpy as np
 
@@ -30,6 +31,8 @@ _GROWN = 2
 """Times that planes are found anew: the second time with lenses that a wall more has fixed."""
 _FIRST_TO_GO = 2
 """Planes let go alone whose fits are gone on from with a second one: those that leave least over."""
+_NEARLY_SQUARE_DEG = 2.0
+"""A plane that was left free and comes out so near to one of the room's directions may be a wall after all."""
 
 
 def uncontradicted_rival(
@@ -85,6 +88,43 @@ def uncontradicted_rival(
         # Two things at once bend the lenses together: neither alone is all that was held wrongly.
         or rivals.held(rivals.two_askew(askew), most_left)
     )
+
+
+def with_square_walls(
+    x1: FloatArray, x2: FloatArray, fit: BundleSolution, *, nominal: NominalIntrinsics, weight: FloatArray
+) -> BundleSolution:
+    """Hold planes that come out nearly square as walls, too, where nothing contradicts it.
+
+    A fit to begin with may leave a wall free because lenses that are some degrees off, or a panel that passed for a
+    wall, had turned it.
+
+    Parameters
+    ----------
+    x1, x2 : (N, 2)
+        Corresponding pixels. [px]
+    fit : BundleSolution
+        That nothing contradicts.
+    nominal : NominalIntrinsics
+        Of both lenses.
+    weight : (N, 2)
+        By which each coordinate of the projector counts.
+
+    Returns
+    -------
+    BundleSolution
+        The same one where none of its free planes is nearly square, or they are not.
+    """
+    of_plane = fit.axes.of_plane
+    if (of_plane < 0).all():
+        return fit
+    along = np.abs(fit.planes @ fit.axes.directions.T) / np.linalg.norm(fit.planes, axis=1, keepdims=True)
+    square = (of_plane < 0) & (along.max(axis=1) > np.cos(np.radians(_NEARLY_SQUARE_DEG)))
+    if not square.any():
+        return fit
+    axes = replace(fit.axes, of_plane=np.where(square, along.argmax(axis=1), of_plane))
+    with suppress(CalibrationError):
+        return hold_against_all(x1, x2, fit.with_planes(fit.planes, axes), nominal, weight=weight)
+    return fit
 
 
 class _Rivals:

@@ -27,8 +27,8 @@ class RayTree {
         interruption.finish();
     }
 
-    // First moments of the light that rays bring: means (rows, 3) of what `met` sends times where its ray began, from the
-    // patch's centroid. Arguments as for sample(), which found what they met.
+    // First moments of the light that rays bring: means (rows, 3) of what `met` sends, over the mean of all, times where
+    // its ray began, from the patch's centroid. Arguments as for sample(), which found what they met.
     void moments(In<std::int64_t, 1> rows, std::uint32_t stream, std::uint32_t first, In<std::int32_t, 2> met,
                  In<double, 1> values, Out<double, 2> means) const {
         const auto n = static_cast<std::int64_t>(rows.shape(0)), count = static_cast<std::int64_t>(met.shape(1));
@@ -164,17 +164,24 @@ class RayTree {
         const double *corners = corners_.data() + 12 * row;
         const PatchRays rays = from_patch(corners, row, stream);
         const auto count = static_cast<std::int64_t>(points.size());
-        Vec sum{0, 0, 0};
+        Vec sum{0, 0, 0}, origins{0, 0, 0};
+        double seen = 0;
         Places places;
         for (std::int64_t start = 0; start < count; start += RAYS) {
             const int n = static_cast<int>(std::min<std::int64_t>(RAYS, count - start));
             places_of(rays, points.from(start), n, places);
-            for (int k = 0; k < n; ++k)
-                if (met[start + k] >= 0)
-                    sum = sum + values[met[start + k]] * Vec{places.at[0][k], places.at[1][k], places.at[2][k]};
+            for (int k = 0; k < n; ++k) {
+                const Vec from_centre{places.at[0][k], places.at[1][k], places.at[2][k]};
+                origins = origins + from_centre;
+                if (met[start + k] < 0) continue;
+                seen += values[met[start + k]];
+                sum = sum + values[met[start + k]] * from_centre;
+            }
         }
-        const Vec from_centre = (1.0 / static_cast<double>(count)) * sum;
-        for (int axis = 0; axis < 3; ++axis) means[axis] = component(from_centre, axis);
+        // What rays see on average is no slope, though they do not begin about the centroid on average.
+        const double each = 1.0 / static_cast<double>(count);
+        const Vec moment = each * (sum - (each * seen) * origins);
+        for (int axis = 0; axis < 3; ++axis) means[axis] = component(moment, axis);
     }
 
     PatchRays from_patch(const double *corners, std::int64_t own, std::uint32_t stream) const {

@@ -109,6 +109,20 @@ def patches_by_rays(
     )
 
 
+@dataclass(frozen=True, kw_only=True)
+class _Reached:
+    """What a look found, and which patches it cut."""
+
+    patches: int
+    """That light was bounced between."""
+    error: float
+    """Of light that is linear within them."""
+    bias: float
+    """Part of it that comes from what they send as one number each."""
+    senders_cut: bool
+    """Those were cut that vary most, for the bias; else those that were hit worst, for the error."""
+
+
 class _Look:
     """Light bounced between some patches, and what it says of them."""
 
@@ -124,10 +138,9 @@ class _Look:
     ) -> None:
         self.cells, self.light, self.goal, self.seed = start, light, goal, seed
         self.check_size, self.on_progress = check_size, on_progress
-        self.reached = (start.n_patches, np.inf)
-        """Patches that light was bounced between, and their error."""
+        self.reached = _Reached(patches=start.n_patches, error=np.inf, bias=np.inf, senders_cut=False)
 
-    def found(self, before: tuple[int, float] | None) -> SampledPatches | None:
+    def found(self, before: _Reached | None) -> SampledPatches | None:
         """Return the patches, or None where others are to be begun with: then they are ``cells``.
 
         ``before``: what the look before this one reached. Raises SimulationError where more patches hardly help.
@@ -147,10 +160,14 @@ class _Look:
                 return None
         self.on_progress(NUMBERS_DONE)
         pieces.measure_all()
-        self.reached = (start.n_patches, pieces.error)
-        if before is not None:
-            _check_progress(before, self.reached, goal)
-        if pieces.bias**2 > BIAS_SHARE * goal**2:
+        many, error, bias = start.n_patches, pieces.error, pieces.bias
+        uneven = bias**2 > BIAS_SHARE * goal**2
+        self.reached = _Reached(patches=many, error=error, bias=bias, senders_cut=uneven)
+        if before is not None and before.senders_cut:
+            _check_progress((before.patches, before.bias), (many, bias), goal)
+        elif before is not None:
+            _check_progress((before.patches, before.error), (many, error), goal)
+        if uneven:
             pieces.cut_senders()
             self.cells = pieces.settled
             return None

@@ -17,7 +17,7 @@ from calibration.geometry.contradictions import (
     check_no_facets,
     is_flat,
 )
-from calibration.geometry.flat import rivals
+from calibration.geometry.flat import left_out, rivals
 from calibration.geometry.flat.left_out import check_none_left_out
 from calibration.geometry.known.scale import _along, scale_from_spots
 from calibration.geometry.noise import covariance, observation_variance
@@ -311,6 +311,21 @@ def of_two_walls(room, corner, bend_px):
 def test_a_fit_that_leaves_a_flat_wall_out_is_refused(room, corner):
     with pytest.raises(CalibrationError, match=r"% of the points, around camera pixel .* lie on a flat wall"):
         check_none_left_out(*of_two_walls(room, corner, 0.0))
+
+
+def test_of_all_flat_pieces_that_were_left_out_none_is_passed_over(room, corner, monkeypatch):
+    """The first of them alone was looked at; it may be a column's, with a wall behind it (random world 61017)."""
+    solution, x1, x2 = of_two_walls(room, corner, 0.0)
+    found = left_out.segment_planes
+
+    def after_one_that_touches(*points):
+        walls = found(*points)
+        touching = walls[0] + 0.02 * np.linalg.norm(walls[0]) * np.array([0.0, 1.0, 0.0])
+        return np.concatenate([touching[None], walls])
+
+    monkeypatch.setattr(left_out, "segment_planes", after_one_that_touches)
+    with pytest.raises(CalibrationError, match="lie on a flat wall"):
+        check_none_left_out(solution, x1, x2)
 
 
 def test_a_fit_may_leave_out_what_bends(room, corner):

@@ -223,6 +223,28 @@ def test_two_things_askew_at_once_that_pass_for_walls_are_both_let_go(room, monk
     assert found.camera.focal_px[0] == pytest.approx(small.camera.focal_px, rel=0.005)
 
 
+@pytest.mark.slow
+def test_a_wall_that_was_left_free_is_held_square_where_that_contradicts_nothing(room):
+    front = Front(askew_deg=0.0, centre_m=(3.9, 2.4, 1.2), half_size_m=(2.4, 1.2))
+    x1, x2 = with_things(room, front, step_px=3)
+    order = np.random.default_rng(0).permutation(len(x1))
+    x1, x2, weight = x1[order], x2[order], np.ones((len(x1), 2))
+    square = calibrate_stereo(*room.correspondences(5), room.nominal)
+    across = plane_of(front, room)
+    others = [
+        k
+        for k, plane in enumerate(square.planes)
+        if plane @ across < 0.9 * np.linalg.norm(plane) * np.linalg.norm(across)
+    ]
+    axes = Axes(square.room_axes, np.append(np.array(square.axes)[others], -1))
+    planes = np.concatenate([square.planes[others], across[None]])
+    start = PlanarScene(camera=square.camera, projector=square.projector, planes=planes, axes=axes)
+    fit = adjust(x1, x2, start, room.nominal, rounds=Rounds(limits_px=(4.0, 1.5), iterations=12), weight=weight)
+    found = rivals.with_square_walls(x1, x2, fit, nominal=room.nominal, weight=weight)
+    along = int(np.abs(square.room_axes @ across).argmax())
+    assert (fit.axes.of_plane[-1], found.axes.of_plane[-1]) == (-1, along)
+
+
 def unless_two_are_askew(_x1, _x2, bundle, _nominal, *, weight):
     """Contradict a fit in which fewer than two planes stand as they like."""
     if np.count_nonzero(bundle.axes.of_plane < 0) < 2:

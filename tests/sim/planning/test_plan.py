@@ -127,7 +127,7 @@ def test_an_error_at_sixteenths_is_the_same_whatever_rays_tell_it():
     coarse, finer = (simulate(each, light, model) for each in (cells, cells.quarters()))
     ours = coarse.irradiance_at(finer.cells.quarters().quarters())
     means = finer.irradiance, finer.irradiance
-    squared = [squared_at_points(finer, means, ours, sampling=0.0, seed=10 * k)[0] for k in range(5)]
+    squared = [squared_at_points((finer, finer), means, ours, sampling=0.0, seed=10 * k)[0] for k in range(5)]
     # By the first sixteen rays a sixteenth they differ by 11 %, and at a fifth of this error by half.
     assert np.std(squared) < 0.04 * np.mean(squared)
 
