@@ -46,8 +46,8 @@ PREFER_EXACT = 1.5
 LEAST_SAVED_S = 0.04
 """Rays that save less are not worth their noise either: nobody tells such methods apart. [s]"""
 RAY_MB = 8e-5
-"""Peak memory by ray that an error usually takes: index, counts and matrix from both sides, 2e-5 a ray, of up to 3 times
-as many where slopes want to be known, too; 4.7e-5 to 7.8e-5 (random corners of 1,500 facets at 0.3 to 1 %)."""
+"""Peak memory by ray that an error usually takes: index, counts and matrix from both sides, 2e-5 a ray, of up to three
+times as many where slopes want to be known, too; 4.7e-5 to 7.8e-5 (random corners of 1,500 facets at 0.3 to 1 %)."""
 
 
 def exact_s(patches: int, *, method: str, visibility: str, occluders: int) -> float:

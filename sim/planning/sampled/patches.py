@@ -209,8 +209,8 @@ def _check_progress(before: tuple[int, float], now: tuple[int, float], goal: flo
     if np.log(error / left) < SLOWEST * np.log(more / patches):
         raise SimulationError(
             f"{patches:,} patches leave {100 * error:.2g} %, {more:,} still {100 * left:.2g} %, and {100 * goal:.2g} % "
-            "are wanted: where surfaces cut through each other light jumps within patches; "
-            f"try a tolerance of {100 * ADVICE * left:.2g} %, or cut them where they meet"
+            "are wanted: light jumps within patches, as where surfaces cut through each other, or end close before "
+            f"others; try a tolerance of {100 * ADVICE * left:.2g} %, or cut them where they meet"
         )
 
 
