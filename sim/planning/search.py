@@ -146,7 +146,11 @@ class Search:
 
         By constants, not by what was timed: the same plan whatever else the machine does.
         """
-        patches, linear = max(patches, self.begin.n_patches), self.begin.n_patches < EVEN_PATCHES * self._usual_patches
+        begin, linear = self.begin.n_patches, self.begin.n_patches < EVEN_PATCHES * self._usual_patches
+        patches = max(patches, begin)
+        if linear:
+            # The error of linear light falls as the patches' number, that of one number a patch as its root.
+            patches = int(np.ceil(np.sqrt(begin * patches)))
         tight = GROWTH * patches > largest_sampled(self.memory_limit_mb, self.sampling)
         if (tight or self.one_number) and self.whole.n_patches < FIRST_PROBE:
             return False
