@@ -245,8 +245,8 @@ def _sampled(
         sent_back = sampled.B - emitted
         H = np.divide(sent_back, reflectance, out=np.zeros_like(sent_back), where=reflectance > 0)
         squared = _linear(cells, sampled, reflectance[:, None], B=sampled.B[:, None], H=H[:, None])[1]
-        if np.hypot(sampled.error, _rms(cells, squared)) <= allowed:
-            break
+        if sampled.error >= allowed or np.hypot(sampled.error, _rms(cells, squared)) <= allowed:
+            break  # the means took all rays that there are, or all is known
         # Walls whose mean light is known at once, as in a furnace, may need many rays for their slopes.
         longer = lengthened(sampled.sample, squared[:, 0], goal=np.sqrt(allowed**2 - sampled.error**2))
         sampled = sampled_light(cells, emitted, reflectance, error=error, sample=longer, on_progress=on_progress)
