@@ -19,119 +19,108 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
+import trimesh
 from numpy.typing import NDArray
 
+from rig.devices.simulated.worlds.shapes import block, moved, quad, room, sheet
 from rig.errors import UsageError
 from rig.offline.simulate import SimulationRequest, plan_simulation, run_planned
 from rig.terminal import silent
 
 FloatArray = NDArray[np.float64]
-Polygons = list[FloatArray]
+TURN = 2 * np.pi
 
 
-def prism(outline: Sequence[Sequence[float]], height_m: float) -> Polygons:
-    """A room over a floor, counter-clockwise from above, seen from inside."""
-    low = np.column_stack([np.array(outline, dtype=float), np.zeros(len(outline))])
-    high = low + np.array([0, 0, height_m])
-    walls = [np.array([low[k - 1], high[k - 1], high[k], low[k]]) for k in range(len(low))]
-    return [low, high[::-1], *walls]
+def box(x: float, y: float, z: float) -> list[FloatArray]:
+    """Walls of a room, seen from inside."""
+    return list(room((x, y, z)).values())
 
 
-def room(x: float, y: float, z: float) -> Polygons:
-    return prism([(0, 0), (x, 0), (x, y), (0, y)], z)
+def prism(outline: Sequence[Sequence[float]], middle: Sequence[float], height_m: float) -> FloatArray:
+    """A room over a floor, counter-clockwise from above, all corners of which a point on it sees; from inside."""
+    near = np.column_stack([np.array(outline, dtype=float), np.zeros(len(outline))])
+    far, up = np.roll(near, -1, axis=0), np.array([0, 0, height_m])
+    centre = np.broadcast_to([*middle, 0.0], near.shape)
+    corners = [
+        (centre, near, far),
+        (centre + up, far + up, near + up),
+        (near, near + up, far),
+        (far, near + up, far + up),
+    ]
+    return np.concatenate([np.stack(some, axis=1) for some in corners])
 
 
-def turned(polygons: Polygons) -> Polygons:
-    """The same, seen from outside."""
-    return [polygon[::-1] for polygon in polygons]
+def ring(radius_m: FloatArray) -> list[tuple[float, float]]:
+    """Corners around the origin, at as many distances."""
+    turns = TURN * np.arange(len(radius_m)) / len(radius_m)
+    return [(r * np.cos(turn), r * np.sin(turn)) for r, turn in zip(radius_m, turns, strict=True)]
 
 
-def block(at: Sequence[float], size: Sequence[float]) -> Polygons:
-    return [polygon + np.array(at) for polygon in turned(room(*size))]
+def ball(radius_m: float) -> FloatArray:
+    def place(turn: FloatArray, height: FloatArray) -> FloatArray:
+        rim = np.cos(height)
+        return radius_m * np.stack([rim * np.cos(turn), rim * np.sin(turn), np.sin(height)], axis=2)
+
+    return sheet(place, np.linspace(0, TURN, 17), np.linspace(-np.pi / 2, np.pi / 2, 11))
 
 
-def ring(radius_m: float, corners: int) -> list[tuple[float, float]]:
-    turns = 2 * np.pi * np.arange(corners) / corners
-    return [(radius_m * np.cos(turn), radius_m * np.sin(turn)) for turn in turns]
-
-
-def swept(points: FloatArray) -> Polygons:
-    """Quads of a grid of points, closed along its first axis."""
-    after = np.roll(points, -1, axis=0)
-    corners = np.stack([points[:, :-1], after[:, :-1], after[:, 1:], points[:, 1:]], axis=2)
-    return list(corners.reshape(-1, 4, 3))
-
-
-def ball(middle: Sequence[float], radius_m: float) -> Polygons:
-    turn, height = np.meshgrid(2 * np.pi * np.arange(16) / 16, np.linspace(-1.4, 1.4, 9), indexing="ij")
-    rim = np.cos(height)
-    points = radius_m * np.stack([rim * np.cos(turn), rim * np.sin(turn), np.sin(height)], axis=2)
-    caps = [points[::-1, 0], points[:, -1]]
-    return [polygon + np.array(middle) for polygon in [*swept(points), *caps]]
-
-
-def pillars() -> Polygons:
-    things = room(5, 5, 3)
+def pillars() -> list[FloatArray]:
+    pillar, things = prism(ring(np.full(12, 0.1)), (0, 0), 1.5)[:, ::-1], box(5, 5, 3)
     for k in range(30):
         away = 0.3 + 0.06 * k
-        at = np.array([2.5 + away * np.cos(0.5 * k), 2.5 + away * np.sin(0.5 * k), 0.0])
-        things += [polygon + at for polygon in turned(prism(ring(0.1, 12), 1.5))]
+        things.append(moved(pillar, (2.5 + away * np.cos(0.5 * k), 2.5 + away * np.sin(0.5 * k), 0.0)))
     return things
 
 
-def blobs() -> Polygons:
-    random, things = np.random.default_rng(3), room(4, 4, 3)
+def blobs() -> list[FloatArray]:
+    random, things = np.random.default_rng(3), box(4, 4, 3)
     for _ in range(12):
-        things += ball(random.uniform([1, 1, 0.7], [3, 3, 2.1]), float(random.uniform(0.15, 0.4)))
+        x, y, z = random.uniform([1, 1, 0.7], [3, 3, 2.1])
+        things.append(moved(ball(float(random.uniform(0.15, 0.4))), (x, y, z)))
     return things
 
 
-def maze() -> Polygons:
-    random, things = np.random.default_rng(3), room(8, 8, 2.5)
+def maze() -> list[FloatArray]:
+    random, things = np.random.default_rng(3), box(8, 8, 2.5)
     for i, j in np.argwhere(random.random((5, 5)) < 0.6):
-        things += block((1 + 1.4 * i, 1 + 1.4 * j, 0.2), (0.5, 1.2, 2.1))
+        things.append(block((1.25 + 1.4 * i, 1.6 + 1.4 * j), (0.5, 1.2, 2.1), bottom_m=0.2))
     return things
 
 
-def stairs() -> Polygons:
+def stairs() -> list[FloatArray]:
     steps = [point for k in range(10) for point in ((0.3 * k + 0.3, 0.2 * k), (0.3 * k + 0.3, 0.2 * k + 0.2))]
-    return prism([(0, 0), *steps, (5, 2), (5, 5), (0, 5)], 2.0)
+    return [prism([(0, 0), *steps, (5, 2), (5, 5), (0, 5)], (0.1, 4.9), 2.0)]
 
 
-def gear() -> Polygons:
-    return prism([(x * (1 if k % 2 else 0.6), y * (1 if k % 2 else 0.6)) for k, (x, y) in enumerate(ring(2, 60))], 1.5)
+def gear() -> list[FloatArray]:
+    return [prism(ring(np.tile([1.2, 2.0], 30)), (0, 0), 1.5)]
 
 
-def louvre() -> Polygons:
-    sheet = np.array([[0.5, 1, 0.4], [2.5, 1, 0.4], [2.5, 1.15, 0.5], [0.5, 1.15, 0.5]])
-    return room(3, 3, 3) + [sheet + np.array([0, 0, 0.1 * k]) for k in range(20)]
+def louvre() -> list[FloatArray]:
+    return box(3, 3, 3) + [quad((0.5, 1, 0.4 + 0.1 * k), (2, 0, 0), (0, 0.15, 0.1)) for k in range(20)]
 
 
-def books() -> Polygons:
-    things = room(3, 3, 3)
-    for k in range(25):
-        things += block((0.5 + 0.06 * k, 2.6, 1.0), (0.02, 0.25, 0.3))
-    return things
+def books() -> list[FloatArray]:
+    return box(3, 3, 3) + [block((0.51 + 0.06 * k, 2.725), (0.02, 0.25, 0.3), bottom_m=1.0) for k in range(25)]
 
 
-def torus() -> Polygons:
-    turn, around = np.meshgrid(2 * np.pi * np.arange(32) / 32, np.linspace(0, 2 * np.pi, 17), indexing="ij")
-    away = 2 + 0.7 * np.cos(around)
-    points = np.stack([away * np.cos(turn), away * np.sin(turn), 0.7 * np.sin(around)], axis=2)
-    return room(8, 8, 3) + [polygon + np.array([4, 4, 1.5]) for polygon in swept(points)]
+def torus() -> list[FloatArray]:
+    def place(turn: FloatArray, around: FloatArray) -> FloatArray:
+        away = 2 + 0.7 * np.cos(around)
+        return np.stack([away * np.cos(turn), away * np.sin(turn), 0.7 * np.sin(around)], axis=2)
+
+    surface = sheet(place, np.linspace(0, TURN, 33), np.linspace(0, TURN, 17))
+    return [*box(8, 8, 3), moved(surface, (4, 4, 1.5))]
 
 
-def terrain() -> Polygons:
-    x, y = np.meshgrid(np.linspace(0, 10, 40), np.linspace(0, 10, 40), indexing="ij")
-    z = 0.8 * np.sin(x) * np.cos(1.3 * y) + 0.1 * np.random.default_rng(3).normal(size=x.shape)
-    points = np.stack([x, y, z], axis=2)
-    corners = [points[:-1, :-1], points[1:, :-1], points[1:, 1:], points[:-1, 1:]]
-    quads = np.stack(corners, axis=2).reshape(-1, 4, 3)
-    return [quad[list(some)] for quad in quads for some in ((0, 1, 2), (0, 2, 3))]
+def terrain() -> list[FloatArray]:
+    rough = 0.1 * np.random.default_rng(3).normal(size=(40, 40))
+    lines = np.linspace(0, 10, 40)
+    return [sheet(lambda x, y: np.stack([x, y, 0.8 * np.sin(x) * np.cos(1.3 * y) + rough], axis=2), lines, lines)]
 
 
-SHAPES: dict[str, Callable[[], Polygons]] = {
-    "tunnel": lambda: room(40, 2, 2),
+SHAPES: dict[str, Callable[[], list[FloatArray]]] = {
+    "tunnel": lambda: box(40, 2, 2),
     "stairs": stairs,
     "gear": gear,
     "maze": maze,
@@ -142,17 +131,6 @@ SHAPES: dict[str, Callable[[], Polygons]] = {
     "torus": torus,
     "terrain": terrain,
 }
-
-
-def written(polygons: Polygons, path: Path) -> Path:
-    """Write polygons as they are, each with corners of its own."""
-    lines, first = [], 1
-    for polygon in polygons:
-        lines += [f"v {x:.9f} {y:.9f} {z:.9f}" for x, y, z in polygon]
-        lines.append("f " + " ".join(str(first + k) for k in range(len(polygon))))
-        first += len(polygon)
-    path.write_text("\n".join(lines) + "\n", "utf-8")
-    return path
 
 
 def row(name: str, path: Path, tolerance: float, light: str) -> tuple[str, bool]:
@@ -180,7 +158,9 @@ def main() -> int:
     good = []
     with tempfile.TemporaryDirectory() as folder:
         for name in wanted.only:
-            path = written(SHAPES[name](), Path(folder) / f"{name}.obj")
+            path = Path(folder) / f"{name}.obj"
+            corners = np.concatenate(SHAPES[name]()).reshape(-1, 3)
+            trimesh.Trimesh(corners, np.arange(len(corners)).reshape(-1, 3), process=False).export(path)
             for tolerance in wanted.tolerances:
                 line, is_near = row(name, path, tolerance, wanted.light)
                 print(line, flush=True)

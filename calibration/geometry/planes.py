@@ -347,10 +347,13 @@ def orthogonal_axes(planes: FloatArray, limit_deg: float = 25.0) -> Axes:
     frame = u @ vt
     if np.linalg.det(frame) < 0:
         frame[2] = -frame[2]
-    alignment = np.abs(normals @ frame.T)
-    nearest = alignment.argmax(axis=1)
-    fits = alignment.max(axis=1) > np.cos(np.radians(limit_deg))
-    return Axes(frame, np.where(fits, nearest, -1).astype(np.int64))
+    return Axes(frame, nearest_axes(normals, frame, limit_deg))
+
+
+def nearest_axes(normals: FloatArray, directions: FloatArray, limit_deg: float) -> IntArray:
+    """(K,) which direction each unit normal is nearest to; -1 further than the limit from all."""
+    along = np.abs(normals @ directions.T)
+    return np.where(along.max(axis=1) > np.cos(np.radians(limit_deg)), along.argmax(axis=1), -1).astype(np.int64)
 
 
 def corner_axes(planes: FloatArray, axes: Axes) -> list[Axes]:

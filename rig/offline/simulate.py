@@ -376,7 +376,7 @@ def _checked(
 ) -> SimulationOutcome:
     """The outcome with its error against a refined solution. Raises UsageError when that does not fit."""
     on_step(CHECK, 0, 1)
-    largest = largest_check(planned.model, available_mb() / 2)
+    largest = largest_check(planned.model, available_mb() / 2, once=isinstance(simulation, GlossySimulation))
     if 4 * planned.patches > largest:
         raise UsageError(
             f"--check: {4 * planned.patches:,} refined patches do not fit in {available_mb() / 2:.0f} MB; "

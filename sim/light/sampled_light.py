@@ -159,14 +159,13 @@ def sampled_light(
         variance = seen.variance
         less = squared / max(float(weights @ seen.own_variance), np.finfo(float).tiny)
         # The light of few rays tells well enough where more are needed; the next solution confirms it.
-        while (squared := float(weights @ variance)) > goal and not (sample.rays >= most_rays).all():
-            smooth = weights * _smooth(variance, order)
-            sample.lengthen(_wanted(sample.rays, smooth * squared / smooth.sum(), AIM**2 * goal, most_rays))
+        while float(weights @ variance) > goal and not (sample.rays >= most_rays).all():
+            _lengthen(sample, weights, variance, order, goal=goal, most_rays=most_rays)
             # Reciprocal factors of the longer sample are made in the next solution: until then they gain as much.
             variance = less * sample.halves(light.B).standard_error ** 2
 
 
-def lengthened(sample: RaySample, squared: FloatArray, *, goal: float, most_rays: int = MOST_RAYS) -> RaySample:
+def lengthened(sample: RaySample, squared: FloatArray, *, goal: float) -> RaySample:
     """Return the sample with more rays where squared errors of patches, averaged over neighbours, are large.
 
     Parameters
@@ -174,23 +173,27 @@ def lengthened(sample: RaySample, squared: FloatArray, *, goal: float, most_rays
     sample : RaySample
         It is lengthened in place.
     squared : (P,) array
-        Mean square over each patch of an error that falls as its rays' does; may be negative for one patch.
+        Mean square over each patch of an error that falls as its rays' does; may be negative for one patch, but not on
+        average.
     goal : float
         Wanted RMS over the surface, in the unit of the error.
-    most_rays : int
-        Of a patch.
 
     Returns
     -------
     RaySample
     """
-    areas = sample.surface.areas
-    smooth = areas * _smooth(squared, along_curve(sample.surface))
-    total = max(float(areas @ squared), 0.0)
-    if smooth.any():
-        each = smooth * total / smooth.sum()
-        sample.lengthen(_wanted(sample.rays, each, AIM**2 * goal**2 * float(areas.sum()), most_rays))
+    areas, order = np.asarray(sample.surface.areas), along_curve(sample.surface)
+    _lengthen(sample, areas, squared, order, goal=goal**2 * float(areas.sum()), most_rays=MOST_RAYS)
     return sample
+
+
+def _lengthen(
+    sample: RaySample, weights: FloatArray, squared: FloatArray, order: IntArray, *, goal: float, most_rays: int
+) -> None:
+    """Send more rays where squared errors are large on average, until their weighted sum should be within the goal."""
+    smooth = weights * _smooth(squared, order)
+    each = smooth * float(weights @ squared) / smooth.sum()
+    sample.lengthen(_wanted(sample.rays, each, AIM**2 * goal, most_rays))
 
 
 def _solved(

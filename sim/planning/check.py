@@ -45,29 +45,24 @@ class Check:
     """RMS over the surface that the rays of lobes left of the refined solution; ``rms`` is free of it."""
 
 
-def largest_check(model: Model, memory_mb: float) -> int:
-    """Return the most patches of a refined solution that fit in memory [MB], and that a check should take."""
+def largest_check(model: Model, memory_mb: float, *, once: bool = False) -> int:
+    """Return the most patches of a refined solution that fit in memory [MB], and that a check should take.
+
+    ``once``: there is one refined solution, as among glossy surfaces, not two.
+    """
     if model.sampling is None:
         return min(MOST_DENSE, largest_dense(memory_mb))
-    error = model.sampling / EACH_OF_TWO / (SLOPES_NOISE if model.linear else 1.0)
-    return largest_sampled(memory_mb / BOTH_KEPT, error)
+    finer, kept = (FINER_SAMPLING, 1.0) if once else (EACH_OF_TWO, BOTH_KEPT)
+    error = model.sampling / finer / (SLOPES_NOISE if model.linear else 1.0)
+    return largest_sampled(memory_mb / kept, error)
 
 
-def refined(model: Model) -> Model:
-    """Return the model of a check: other rays that leave a quarter of the error, or exact visibility."""
+def refined(model: Model, finer: float = FINER_SAMPLING, number: int = 1) -> Model:
+    """Return a model of a check: rays of another number, that leave so many times less error, or exact visibility."""
     if model.sampling is not None:
-        return replace(model, sampling=model.sampling / FINER_SAMPLING, seed=model.seed + OTHER_SEED)
+        return replace(model, sampling=model.sampling / finer, seed=model.seed + number * OTHER_SEED)
     visibility: Visibility = "none" if model.visibility == "none" else "exact"
     return replace(model, visibility=visibility, compression=None)
-
-
-def _both_refined(model: Model) -> tuple[Model, Model]:
-    """Two models of a check by rays, whose noise is independent; the same one twice where there is no noise."""
-    if model.sampling is None:
-        return refined(model), refined(model)
-    sampling = model.sampling / EACH_OF_TWO
-    one, other = (replace(model, sampling=sampling, seed=model.seed + k * OTHER_SEED) for k in (1, 2))
-    return one, other
 
 
 def refined_check(
@@ -103,7 +98,7 @@ def refined_check(
     fine = coarse
     for _ in range(times):
         fine = fine.quarters()
-    one, other = _both_refined(model)
+    one, other = (refined(model, EACH_OF_TWO, number) for number in (1, 2))
     by_rays = model.sampling is not None
     finer = simulate(fine, light, one, part_of(on_progress, 0.0, 0.5 if by_rays else 1.0))
     both = finer, simulate(fine, light, other, part_of(on_progress, 0.5, 1.0)) if by_rays else finer

@@ -23,6 +23,7 @@ from calibration.geometry.plane_search import (
     small_planes,
     without_tangents,
 )
+from calibration.geometry.planes import nearest_axes
 
 _BETTER = 0.9
 """Of what the first fit left over, what one that was made of it may leave. One from another start has only to leave
@@ -117,11 +118,11 @@ def with_square_walls(
     of_plane = fit.axes.of_plane
     if (of_plane < 0).all():
         return fit
-    along = np.abs(fit.planes @ fit.axes.directions.T) / np.linalg.norm(fit.planes, axis=1, keepdims=True)
-    square = (of_plane < 0) & (along.max(axis=1) > np.cos(np.radians(_NEARLY_SQUARE_DEG)))
-    if not square.any():
+    normals = fit.planes / np.linalg.norm(fit.planes, axis=1, keepdims=True)
+    nearest = nearest_axes(normals, fit.axes.directions, _NEARLY_SQUARE_DEG)
+    axes = replace(fit.axes, of_plane=np.where(of_plane < 0, nearest, of_plane))
+    if (axes.of_plane == of_plane).all():
         return fit
-    axes = replace(fit.axes, of_plane=np.where(square, along.argmax(axis=1), of_plane))
     with suppress(CalibrationError):
         return hold_against_all(x1, x2, fit.with_planes(fit.planes, axes), nominal, weight=weight)
     return fit

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from operator import attrgetter
 
 import numpy as np
 
@@ -160,13 +161,12 @@ class _Look:
                 return None
         self.on_progress(NUMBERS_DONE)
         pieces.measure_all()
-        many, error, bias = start.n_patches, pieces.error, pieces.bias
-        uneven = bias**2 > BIAS_SHARE * goal**2
-        self.reached = _Reached(patches=many, error=error, bias=bias, senders_cut=uneven)
-        if before is not None and before.senders_cut:
-            _check_progress((before.patches, before.bias), (many, bias), goal)
-        elif before is not None:
-            _check_progress((before.patches, before.error), (many, error), goal)
+        uneven = pieces.bias**2 > BIAS_SHARE * goal**2
+        now = _Reached(patches=start.n_patches, error=pieces.error, bias=pieces.bias, senders_cut=uneven)
+        self.reached = now
+        if before is not None:
+            left = attrgetter("bias" if before.senders_cut else "error")
+            _check_progress((before.patches, left(before)), (now.patches, left(now)), goal)
         if uneven:
             pieces.cut_senders()
             self.cells = pieces.settled

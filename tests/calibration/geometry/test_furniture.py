@@ -231,11 +231,8 @@ def test_a_wall_that_was_left_free_is_held_square_where_that_contradicts_nothing
     x1, x2, weight = x1[order], x2[order], np.ones((len(x1), 2))
     square = calibrate_stereo(*room.correspondences(5), room.nominal)
     across = plane_of(front, room)
-    others = [
-        k
-        for k, plane in enumerate(square.planes)
-        if plane @ across < 0.9 * np.linalg.norm(plane) * np.linalg.norm(across)
-    ]
+    towards = square.planes @ across / np.linalg.norm(square.planes, axis=1) / np.linalg.norm(across)
+    others = np.flatnonzero(towards < 0.9)
     axes = Axes(square.room_axes, np.append(np.array(square.axes)[others], -1))
     planes = np.concatenate([square.planes[others], across[None]])
     start = PlanarScene(camera=square.camera, projector=square.projector, planes=planes, axes=axes)
