@@ -12,9 +12,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calibration.arrays import BoolArray, Codes, Float32Array, FloatArray
+from calibration.arrays import BoolArray, Codes, Float32Array, FloatArray, IntArray
 from calibration.errors import CalibrationError
 from calibration.light.blur import PointSpread, fit_point_spread, footprint_map, footprints, stretch
+from calibration.light.outline import beside_border, border_width_px, continued_places, looks_at_picture
 from calibration.light.two_level import Footprint, TwoLevelPicture, shares_and_slopes, two_level, white_share
 from calibration.structured_light.correspondence import Correspondence
 
@@ -155,7 +156,7 @@ def separate_by_pattern(
     Returns
     -------
     Separation
-        Valid where the correspondence is and the pattern changes enough.
+        Valid where the correspondence is, the pattern changes enough, and a pixel looks at the picture, not beside it.
 
     Raises
     ------
@@ -164,36 +165,27 @@ def separate_by_pattern(
     """
     if spread is None:
         spread = fit_point_spread(frames, patterns, correspondence, correspondence.valid)
-    pictures = [two_level(codes) for codes in patterns]
-    rows, columns = np.nonzero(correspondence.valid)
-    found = np.zeros((4, len(rows)))
-    stretched = stretch(correspondence)
-    xy_px = correspondence.projector_xy_px.astype(np.float64)
-    for first in range(0, len(rows), _CHUNK):
-        at = rows[first : first + _CHUNK], columns[first : first + _CHUNK]
-        light = np.stack([frame[at] for frame in frames]).astype(np.float64)
-        for _ in range(_PASSES):
-            seen = footprints(spread, xy_px[at], np.stack(at[::-1], axis=-1).astype(np.float64), stretched[at])
-            slopes = _slope_of_light(light, pictures, seen)
-            xy_px[at] += np.clip(slopes[4:].T, -_MOST_SHIFT_PX, _MOST_SHIFT_PX)
-        found[:, first : first + _CHUNK] = slopes[:4]
-    direct, variance, modulation, place = (np.zeros(white.shape, np.float32) for _ in range(4))
-    for image, values in zip((direct, variance, modulation, place), found, strict=True):
-        image[rows, columns] = values
+    problem = _Pixels(frames, [two_level(codes) for codes in patterns], spread, stretch(correspondence))
+    xy_px, found = problem.split_all(correspondence)
+    finer = np.where(correspondence.valid[..., None], xy_px, np.nan).astype(np.float32)
+    seen = footprint_map(spread, replace(correspondence, projector_xy_px=finer))
+    inside = white_share(seen, correspondence.projector_shape).astype(np.float32)
+    full, variance, modulation, place = found.astype(np.float32)
+    direct = full * inside
     valid = (modulation > LEAST_MODULATION) & (direct > 0) & (direct < _MOST_OF_WHITE * white)
+    valid &= looks_at_picture(finer, correspondence.projector_shape)
     if not valid.any():
         raise CalibrationError(
             f"the checkers' light changes nowhere by more than {LEAST_MODULATION:g} of white: "
             "use larger checks ([patterns] checker_size_px), focus the projector, or look at the correspondence map"
         )
-    inside = white_share(footprint_map(spread, correspondence), correspondence.projector_shape)
-    direct = np.where(valid, direct * inside, 0).astype(np.float32)
+    direct = np.where(valid, direct, 0).astype(np.float32)
     return Separation(
         direct=direct,
         global_=np.maximum(white - direct, 0).astype(np.float32),
         valid=valid,
-        variance=np.where(valid, variance, np.inf).astype(np.float32),
-        projector_xy_px=np.where(correspondence.valid[..., None], xy_px, np.nan).astype(np.float32),
+        variance=np.where(valid, variance * inside**2, np.inf).astype(np.float32),
+        projector_xy_px=finer,
         place_variance_px2=place,
     )
 
@@ -218,10 +210,64 @@ def with_more_direct(found: Separation, share: float, *, white: Float32Array) ->
     return replace(found, direct=direct, global_=np.maximum(white - direct, 0).astype(np.float32))
 
 
-def _slope_of_light(light: FloatArray, pictures: Sequence[TwoLevelPicture], seen: Footprint) -> FloatArray:
+@dataclass(frozen=True, eq=False)
+class _Pixels:
+    """Frames of known pictures, and what is needed to say what pixels see of them."""
+
+    frames: Sequence[Float32Array]
+    pictures: Sequence[TwoLevelPicture]
+    spread: PointSpread
+    stretched: FloatArray
+
+    def split_all(self, correspondence: Correspondence) -> tuple[FloatArray, FloatArray]:
+        """Places (H, W, 2), moved where light tells, and (4, H, W) as of :meth:`split`.
+
+        Beside the border of the picture they are those of the pixels inside, continued.
+        """
+        valid, xy_px = correspondence.valid, correspondence.projector_xy_px.astype(np.float64)
+        seen = footprint_map(self.spread, correspondence)
+        beside = valid & beside_border(seen, correspondence.projector_shape)
+        found = np.zeros((4, *valid.shape))
+        self.split(np.nonzero(valid & ~beside), xy_px, found)
+        width_px = border_width_px(seen, self.stretched, beside)
+        continued, outline = continued_places(xy_px, valid & ~beside, beside, width_px), np.nonzero(beside)
+        told, untold = (tuple(axis[which] for axis in outline) for which in (continued.told, ~continued.told))
+        xy_px[told] = continued.xy_px[continued.told]
+        straight = stretch(replace(correspondence, projector_xy_px=xy_px.astype(np.float32)))
+        replace(self, stretched=straight).split(told, xy_px, found, passes=0)
+        found[3][told] = continued.variance_px2[continued.told]
+        self.split(untold, xy_px, found)
+        return xy_px, found
+
+    def split(self, at: tuple[IntArray, ...], xy_px: FloatArray, found: FloatArray, *, passes: int = _PASSES) -> None:
+        """Find direct light, its variance, the pattern's rms change and the variance of places, (4, H, W), of pixels.
+
+        Their places are moved in `passes`; without any they are known, and count as they are.
+        """
+        for first in range(0, len(at[0]), _CHUNK):
+            some = tuple(axis[first : first + _CHUNK] for axis in at)
+            light = np.stack([frame[some] for frame in self.frames]).astype(np.float64)
+            for _ in range(passes):
+                slopes = self._slopes(light, some, xy_px)
+                xy_px[some] += np.clip(slopes[4:].T, -_MOST_SHIFT_PX, _MOST_SHIFT_PX)
+            if not passes:
+                slopes = self._slopes(light, some, xy_px, are_known=True)
+            found[:, some[0], some[1]] = slopes[:4]
+
+    def _slopes(
+        self, light: FloatArray, at: tuple[IntArray, ...], xy_px: FloatArray, *, are_known: bool = False
+    ) -> FloatArray:
+        there = np.stack(at[::-1], axis=-1).astype(np.float64)
+        seen = footprints(self.spread, xy_px[at], there, self.stretched[at])
+        return _slope_of_light(light, self.pictures, seen, are_known=are_known)
+
+
+def _slope_of_light(
+    light: FloatArray, pictures: Sequence[TwoLevelPicture], seen: Footprint, *, are_known: bool
+) -> FloatArray:
     """(6, N) direct light, its variance, the pattern's rms change, the variance and the errors (x, y) of the places.
 
-    Of light (K, N).
+    Of light (K, N); of places that are known nothing is asked.
     """
     regressors = shares_and_slopes(pictures, seen)
     weight = _weights(pictures, seen, regressors[0])
@@ -231,6 +277,8 @@ def _slope_of_light(light: FloatArray, pictures: Sequence[TwoLevelPicture], seen
     s, x, y, centred = (
         root * (values - np.einsum("kn,kn->n", weight, values) / count) for values in (*regressors[:3], light)
     )
+    if are_known:
+        x, y = np.zeros_like(x), np.zeros_like(y)
     ss, xx, yy, sx, sy, xy = (np.einsum("kn,kn->n", a, b) for a, b in ((s, s), (x, x), (y, y), (s, x), (s, y), (x, y)))
     sl, xl, yl = (np.einsum("kn,kn->n", a, centred) for a in (s, x, y))
     determinant = np.maximum(xx * yy - xy * xy, _LEAST_SUM)

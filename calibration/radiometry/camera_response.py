@@ -114,6 +114,7 @@ def fit_camera_response(
     exposures: ArrayLike,
     full_scale_dn: float,
     *,
+    black_dn: float = 0.0,
     black_sigma_dn: float = _BLACK_SIGMA_DN,
     room: LightBesides | None = None,
 ) -> Response:
@@ -130,6 +131,8 @@ def fit_camera_response(
         In any unit and order; equal ones are repeats.
     full_scale_dn : float
         Digital number above black where the sensor clips.
+    black_dn : float
+        Black level that was subtracted: with it levels are the camera's whole numbers, which tells what rounding did.
     black_sigma_dn : float
         Standard error of the black level that was subtracted, where `room` does not tell it. [dn]
     room : LightBesides or None
@@ -158,7 +161,7 @@ def fit_camera_response(
             f"the camera's black is where it clips ({full_scale_dn:.3g} dn below full scale are left for light): lower "
             "its black level or offset, or shut out room light"
         )
-    groups = grouped_by_light(np.asarray(levels, dtype=np.float64), times, full_scale_dn, room)
+    groups = grouped_by_light(np.asarray(levels, np.float64), times, full_scale_dn, room, black_dn=black_dn)
     of_black = _black_precision(InStep.unknown(black_sigma_dn) if room is None else room.in_step, full_scale_dn)
     _refuse_few(groups)
     start = _start(groups)

@@ -75,7 +75,12 @@ class LightGroups:
 
 
 def grouped_by_light(
-    levels: FloatArray, times: FloatArray, full_scale_dn: float, room: LightBesides | None = None
+    levels: FloatArray,
+    times: FloatArray,
+    full_scale_dn: float,
+    room: LightBesides | None = None,
+    *,
+    black_dn: float = 0.0,
 ) -> LightGroups:
     """Sort pixels by their light, and take means of neighbours.
 
@@ -89,6 +94,8 @@ def grouped_by_light(
         Digital number above black where the sensor clips.
     room : LightBesides or None
         Its pixels are those of `levels`, and times are seconds then.
+    black_dn : float
+        What was subtracted: with it levels are the camera's whole numbers.
 
     Returns
     -------
@@ -107,7 +114,7 @@ def grouped_by_light(
         np.stack(noise, axis=1) if has_repeats else ROUNDING_VARIANCE + 1e-5 * full_scale_dn * np.maximum(mean, 0)
     )
     # it does not average out in a group whose pixels all have one level, or two
-    rounding = rounding_bias(mean, spread, size)
+    rounding = rounding_bias(mean + black_dn, spread, size)
     mean = mean - rounding.bias_dn
     variance = (temporal + ROUNDING_VARIANCE) / size + rounding.variance
     pixel_sigma = np.sqrt(temporal) / full_scale_dn

@@ -255,7 +255,7 @@ def _fit_camera(
     refuse_late_white(levels.mean(axis=1), dark.mean(axis=1))
     refuse_disturbed_sweeps(above.mean(axis=1).reshape(len(above), *places, -1).mean(axis=-1), exposures, top)
     room = LightBesides(dark=dark[-1].mean(axis=0) - black.offset_dn, in_step=black.in_step)
-    response = fit_camera_response(above.mean(axis=1), exposures, top, room=room)
+    response = fit_camera_response(above.mean(axis=1), exposures, top, black_dn=black.offset_dn, room=room)
     noise = fit_camera_noise(above[:, 0], exposures, response)
     return RadiometricCalibration(
         reference_exposure_s=reference_s,

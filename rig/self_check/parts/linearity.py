@@ -149,7 +149,9 @@ def camera_curve(tested: RigUnderTest, sweep: Sweep) -> CameraCurve:
 def curve_of(tested: RigUnderTest, samples_dn: FloatArray, exposures: FloatArray) -> CameraCurve:
     """The same of pixels (F, N) above the dark level at exposures (F,) in any unit. Raises CalibrationError."""
     full_scale_dn, sigma = tested.full_scale_dn - tested.offset_dn, tested.black_level.sigma_dn
-    response = fit_camera_response(samples_dn, exposures, full_scale_dn, black_sigma_dn=sigma)
+    response = fit_camera_response(
+        samples_dn, exposures, full_scale_dn, black_dn=tested.offset_dn, black_sigma_dn=sigma
+    )
     shortest = samples_dn[exposures == exposures.min()]
     return CameraCurve(tested.offset_dn, response, known_from_dn=float(np.quantile(shortest, _FEW)))
 

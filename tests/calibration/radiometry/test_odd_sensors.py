@@ -38,7 +38,8 @@ def test_a_sensor_of_any_kind_has_a_rising_curve_or_is_refused_in_words() -> Non
             black = fit_black_level(dark.mean(axis=1), exposures)
             room = LightBesides(dark=dark[-1].mean(axis=0) - black.offset_dn, in_step=black.in_step)
             above = lit - black.offset_dn
-            curve = fit_camera_response(above.mean(axis=1), exposures, full - black.offset_dn, room=room)
+            mean, top = above.mean(axis=1), full - black.offset_dn
+            curve = fit_camera_response(mean, exposures, top, black_dn=black.offset_dn, room=room)
             noise = fit_camera_noise(above[:, 0], exposures, curve)
         except CalibrationError:
             refused += 1

@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 
 from calibration.radiometry.black_level import fit_black_level
-from calibration.radiometry.light_groups import rounding_bias
+from calibration.radiometry.camera_response import fit_camera_response
+from calibration.radiometry.light_groups import LightBesides, rounding_bias
+from calibration.radiometry.response import light_of_levels
 
 
 @pytest.mark.parametrize("count", [30, 300, 5000])
@@ -55,3 +57,29 @@ def test_the_black_of_a_quiet_camera_of_eight_bits_is_as_far_off_as_is_said(blac
     found = fit_black_level(levels, exposures_s)
     assert abs(found.offset_dn - black_dn) < 3 * found.sigma_dn
     assert found.sigma_dn < 0.15
+
+
+@pytest.mark.parametrize("black_dn", [3.36, 4.22, 4.84, 7.38, 7.62])
+def test_the_dark_end_of_a_curve_is_as_far_off_as_is_said_wherever_black_lies_between_two_numbers(
+    black_dn: float,
+) -> None:
+    """Levels above black are no whole numbers, but those that were rounded are: a quiet camera of eight bits."""
+    random = np.random.default_rng(round(100 * black_dn))
+    exposures_s = np.repeat(0.02 * np.array([1 / 32, 1 / 16, 1 / 8, 1 / 4, 1 / 2, 0.75, 1.0, 1.3]), 2)
+    white = np.exp(random.uniform(np.log(300), np.log(12000), 8000))
+
+    def frames(light: np.ndarray) -> np.ndarray:
+        levels = light + np.hypot(0.08, np.sqrt(light / 95)) * random.normal(size=light.shape)
+        return np.clip(np.rint(black_dn + levels), 0, 255)
+
+    black = fit_black_level(frames(0.002 * white * exposures_s[:, None]), exposures_s)
+    above = frames(white * exposures_s[:, None]) - black.offset_dn
+    room = LightBesides(dark=np.zeros(len(white)), in_step=black.in_step)
+    full_dn = 255 - black.offset_dn
+    curve = fit_camera_response(above, exposures_s, full_dn, black_dn=black.offset_dn, room=room)
+    assert curve.sigma is not None
+    light = np.array([0.01, 0.02, 0.05])
+    level = black_dn + light * (255 - black_dn) - black.offset_dn
+    error = light_of_levels(curve, level) - light
+    assert np.abs(error / np.interp(level, curve.levels, curve.sigma)).max() < 3
+    assert np.abs(error).max() < 2e-4
