@@ -55,9 +55,10 @@ class Finished:
 
     @property
     def said(self) -> str:
-        """Its error, in its own words."""
+        """Its error, in its own words; of a crash the last of them."""
         lines = [line.removeprefix("rig: ") for line in self.err.splitlines() if line.startswith("rig: ")]
-        return lines[0] if lines and self.status else ""
+        last = (self.err.strip().splitlines() or [f"ended with {self.status}"])[-1]
+        return ((*lines, last)[0]) if self.status else ""
 
 
 def rig_command(arguments: Sequence[str]) -> Finished:
@@ -75,18 +76,19 @@ def run(path: Path, session: Path, strategies: Sequence[str], *, oracle: bool) -
     """Run a session on one rig, and compare it with the rig's world."""
     done = rig_command(["run", str(session), "-p", str(path), "--json", "--strategies", ",".join(strategies)])
     profile = Profile.parse(path.read_bytes(), path)
-    seen = seen_of(profile)
-    if done.said and seen is not None:
+    seen, has_ended = seen_of(profile), "comparison" in done.answer
+    said = "" if has_ended else done.said
+    if said and seen is not None:
         seen = with_what_is_left_open(seen, profile)
     outcome = RigOutcome(
         rig=path.stem,
         status=done.status,
         processor_s=done.processor_s,
-        said=done.said,
-        is_refusal_true=is_refusal_true(done.said, seen) if done.said else None,
+        said=said,
+        is_refusal_true=is_refusal_true(said, seen) if said else None,
         seen=None if seen is None else asdict(seen) | {"planes": seen.planes},
     )
-    if "comparison" not in done.answer:
+    if not has_ended:
         return outcome
     known = _known(session, "bounded" in strategies and oracle)
     return _judged(outcome, done.answer, session, known)

@@ -10,7 +10,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from calibration.arrays import FloatArray
+from calibration.arrays import BoolArray, FloatArray
 from calibration.geometry.known.nominal import NominalIntrinsics
 from calibration.geometry.pinhole import PinholeModel, rotation_of, rotation_slopes, vector_of
 from calibration.geometry.planes import Axes
@@ -52,6 +52,10 @@ class PlanarScene:
         """Return the same devices before other planes, which are free unless axes are given."""
         free = Axes(np.eye(3), np.full(len(planes), -1)) if axes is None else axes
         return PlanarScene(camera=self.camera, projector=self.projector, planes=planes, axes=free)
+
+    def with_some_planes(self, stays: BoolArray) -> PlanarScene:
+        """Return the same devices before some of the planes, (K,), which are held as they were."""
+        return self.with_planes(self.planes[stays], replace(self.axes, of_plane=self.axes.of_plane[stays]))
 
 
 def unknowns_of(scene: PlanarScene, nominal: NominalIntrinsics) -> FloatArray:

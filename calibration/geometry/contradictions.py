@@ -46,6 +46,15 @@ MOST_DISTANCE_SIGMA = 0.1
 """Of the walls' distance, in baselines: a room of which a tenth is not known is none."""
 
 
+class NotFlat(CalibrationError):
+    """The points of a plane leave it together."""
+
+    def __init__(self, message: str, plane: int) -> None:
+        super().__init__(message)
+        self.plane = plane
+        """Its number in the fit."""
+
+
 def hold_against_all(
     x1: FloatArray,
     x2: FloatArray,
@@ -130,7 +139,7 @@ def check_flat(solution: BundleSolution, x1: FloatArray) -> None:
 
     Raises
     ------
-    CalibrationError
+    NotFlat
         With the plane, its bend, and where it is.
     """
     found, limit = _bends_and_limits_px(solution, x1)
@@ -138,11 +147,12 @@ def check_flat(solution: BundleSolution, x1: FloatArray) -> None:
     if found[kind, worst] <= limit[kind, worst]:
         return
     place = np.median(x1[solution.used[solution.fit_label == worst]], axis=0)
-    raise CalibrationError(
+    raise NotFlat(
         f"the surface around camera pixel ({place[0]:.0f}, {place[1]:.0f}) is not flat: its points leave the plane "
         f"through them together, by {found[kind, worst]:.3f} px rms, the limit is {limit[kind, worst]:.3f} px "
         f"({100 * (1 - solution.share):.0f} % of all points lie on no plane). Curved surfaces are not modelled: aim at "
-        "flat walls"
+        "flat walls",
+        int(worst),
     )
 
 

@@ -168,6 +168,14 @@ def adjust(
     )
 
 
+def fitted_to_some(
+    x1: FloatArray, x2: FloatArray, fewer: PlanarScene, nominal: NominalIntrinsics, *, weight: FloatArray
+) -> BundleSolution | None:
+    """Adjust again with fewer planes; None where these are less than two, or too few points are left."""
+    rounds = Rounds(limits_px=(1.5, 1.0), iterations=12)
+    return None if len(fewer.planes) < 2 else adjust(x1, x2, fewer, nominal, rounds=rounds, weight=weight)
+
+
 def adjust_to_held_planes(
     x1: FloatArray,
     x2: FloatArray,

@@ -16,7 +16,7 @@ from calibration.geometry.epipolar import COLUMN_SHARES, UNDISTORTIONS, fit_epip
 from calibration.geometry.flat.endless import MOST_REACH, reach
 from calibration.geometry.known.nominal import NominalIntrinsics
 from calibration.geometry.pinhole import PinholeModel
-from calibration.geometry.plane_bundle import BundleSolution, Rounds, adjust, transfer_of
+from calibration.geometry.plane_bundle import BundleSolution, Rounds, adjust, fitted_to_some, transfer_of
 from calibration.geometry.planes import (
     INLIER_PX,
     Axes,
@@ -157,11 +157,7 @@ def without_tangents(
     A cylinder's strips pass for walls one by one, and turn what they are held at right angles with.
     """
     stays = ~bending_planes(fit, x1, x2)
-    if stays.all() or stays.sum() < 2:
-        return None
-    axes = replace(fit.axes, of_plane=fit.axes.of_plane[stays])
-    rounds = Rounds(limits_px=(1.5, 1.0), iterations=12)
-    return adjust(x1, x2, fit.with_planes(fit.planes[stays], axes), nominal, rounds=rounds, weight=weight)
+    return None if stays.all() else fitted_to_some(x1, x2, fit.with_some_planes(stays), nominal, weight=weight)
 
 
 def found_anew(
@@ -387,8 +383,7 @@ def _without_phantoms(
             break
         if stays.sum() < 2:
             return None
-        axes = replace(solution.axes, of_plane=solution.axes.of_plane[stays])
-        solution = adjust(x1, x2, solution.with_planes(solution.planes[stays], axes), nominal, rounds=rounds)
+        solution = adjust(x1, x2, solution.with_some_planes(stays), nominal, rounds=rounds)
     return solution
 
 

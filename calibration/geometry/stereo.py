@@ -245,8 +245,9 @@ def _calibrated(
     x2 = without_averaging(x1, x2, first, averaged_px2)
     try:
         final = hold_against_all(x1, x2, first, nominal, weight=weight)
-    except CalibrationError:
-        rival = uncontradicted_rival(x1, x2, first, islice(bundles, others), nominal=nominal, weight=weight)
+    except CalibrationError as why:
+        rest = islice(bundles, others)
+        rival = uncontradicted_rival(x1, x2, first, rest, why=why, nominal=nominal, weight=weight)
         if rival is None:
             raise
         final = rival

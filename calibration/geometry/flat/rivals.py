@@ -10,11 +10,11 @@ import numpy as np
 
 from calibration.arrays import FloatArray
 from calibration.errors import CalibrationError
-from calibration.geometry.contradictions import hold_against_all
+from calibration.geometry.contradictions import NotFlat, hold_against_all
 from calibration.geometry.flat.depth_reversal import unheld_reversal
 from calibration.geometry.flat.third_wall import WeighedPoints
 from calibration.geometry.known.nominal import NominalIntrinsics
-from calibration.geometry.plane_bundle import BundleSolution
+from calibration.geometry.plane_bundle import BundleSolution, fitted_to_some
 from calibration.geometry.plane_search import (
     explains_a_room,
     found_anew,
@@ -42,12 +42,14 @@ def uncontradicted_rival(
     first: BundleSolution,
     others: Iterable[BundleSolution],
     *,
+    why: CalibrationError | None = None,
     nominal: NominalIntrinsics,
     weight: FloatArray,
 ) -> BundleSolution | None:
     """Find a fit that nothing contradicts, after the first one was contradicted.
 
     In this order: the first without its tangents of curved surfaces; that with the walls that its lenses show; the
+    first without a small plane that is why it was contradicted; the
     first with near and far exchanged; the first with a plane askew that stands before others; the others, where they
     leave less over; these without their tangents; the first with a small plane askew; the first with two planes askew,
     the first of them one that alone left least over.
@@ -60,6 +62,8 @@ def uncontradicted_rival(
         The contradicted fit.
     others : iterable of BundleSolution
         From other starts.
+    why : CalibrationError, optional
+        What contradicts it.
     nominal : NominalIntrinsics
         Of both lenses.
     weight : (N,)
@@ -79,6 +83,7 @@ def uncontradicted_rival(
     return (
         rivals.held([flat] if flat is not None else [])
         or rivals.held(rivals.grown(flat), most_left)
+        or rivals.held(rivals.without_a_small(first, why))
         or rivals.held(rivals.with_near_and_far_exchanged(first), left)
         # One that stands before others is furniture, however large.
         or rivals.held(_kept(rivals.askew(first, before=True), askew), most_left)
@@ -136,6 +141,14 @@ class _Rivals:
 
     def without_tangents(self, fit: BundleSolution) -> BundleSolution | None:
         return without_tangents(*self._points, fit, self._nominal, weight=self._weight)
+
+    def without_a_small(self, fit: BundleSolution, why: CalibrationError | None) -> Iterator[BundleSolution]:
+        """Yield a fit without a small plane that is not flat, furniture: fronts of two columns nearly in one plane."""
+        if isinstance(why, NotFlat) and why.plane in small_planes(fit):
+            stays = np.arange(len(fit.planes)) != why.plane
+            fewer = fitted_to_some(*self._points, fit.with_some_planes(stays), self._nominal, weight=self._weight)
+            if fewer is not None:
+                yield fewer
 
     def grown(self, fit: BundleSolution | None) -> Iterator[BundleSolution]:
         """Yield fits with the planes that a fit's own lenses show, and with those that the next ones show."""
