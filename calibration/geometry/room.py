@@ -117,7 +117,7 @@ def room_from_stereo(
     notes = _close(devices, low, high, size_m)
     if lens_height_m is not None and "floor" not in seen:
         notes += f" The floor is {lens_height_m:g} m below the projector's lens, by tape."
-    _check_inside(devices, low, high)
+    _check_inside(stereo, frame, devices, (low, high))
     origin = np.array([value for value in low if value is not None])
     size = np.array([b - a for a, b in zip(low, high, strict=True) if a is not None and b is not None])
     normals = stereo.planes[on_axis] / np.linalg.norm(stereo.planes[on_axis], axis=1, keepdims=True)
@@ -253,17 +253,42 @@ def _in_words(pairs: Sequence[tuple[int, int]], degrees: FloatArray, sigmas: Flo
     return f"walls {', '.join(named)} degrees"
 
 
-def _check_inside(devices: FloatArray, low: Extents, high: Extents) -> None:
+def _check_inside(
+    stereo: StereoCalibration, frame: FloatArray, devices: FloatArray, walls: tuple[Extents, Extents]
+) -> None:
     """Refuse a room whose walls, once all are placed, leave a device outside."""
-    for device, name in zip(devices, ("camera", "projector"), strict=True):
+    low, high = walls
+    for number, name in enumerate(("camera", "projector")):
         for k in range(3):
             for bound, face, sign in ((low[k], FACES[2 * k], 1), (high[k], FACES[2 * k + 1], -1)):
-                outside = 0.0 if bound is None else sign * (bound - float(device[k]))
+                outside = 0.0 if bound is None else sign * (bound - float(devices[number, k]))
                 if outside > 0:
-                    raise CalibrationError(
-                        f"the {name} would stand {outside:.2f} m behind wall {face}: [surface] size_m is too small "
-                        f"along {'xyz'[k]} (x ends at the wall on the right), or a length of [[scale]] is wrong"
-                    )
+                    raise CalibrationError(_outside(name, outside, face, _place_sigma_m(stereo, frame[k], number)))
+
+
+def _outside(name: str, outside_m: float, face: str, sigma_m: float) -> str:
+    if outside_m > SIGMAS * sigma_m:
+        return (
+            f"the {name} would stand {outside_m:.2f} m behind wall {face}: [surface] size_m is too small along "
+            f"{'xyz'[FACES.index(face) // 2]} (x ends at the wall on the right), or a length of [[scale]] is wrong"
+        )
+    return (
+        f"the points put the {name} {outside_m:.2f} +- {sigma_m:.2f} m behind wall {face}, where [surface] size_m has "
+        "it: they tell the distance of the wall before it too badly. Move the camera further aside, show more of floor "
+        "or ceiling, or give both devices a lens file (rig lenses); if these are good, check size_m and [[scale]]"
+    )
+
+
+def _place_sigma_m(stereo: StereoCalibration, along: FloatArray, device: int) -> float:
+    """Standard deviation of the place of the camera (0) or the projector (1) along a direction of the room."""
+    seen = np.abs(stereo.planes @ along) > _MOSTLY * np.linalg.norm(stereo.planes, axis=1)
+
+    def distances(calibration: StereoCalibration) -> FloatArray:
+        planes = calibration.planes[seen]
+        position = (calibration.camera, calibration.projector)[device].position_m
+        return np.asarray((1 - planes @ position) / np.linalg.norm(planes, axis=1))
+
+    return stereo.baseline * float(stereo.sigmas_of(distances).max(initial=0.0))
 
 
 def _room_directions(stereo: StereoCalibration) -> FloatArray:

@@ -241,6 +241,13 @@ def test_a_device_behind_a_wall_by_tape_is_refused(room):
         room_from_stereo(true_pair(room, ("x1", "y1", "floor", "ceiling")), (3.6, 4.8, 2.4))
 
 
+def test_a_device_that_may_well_stand_inside_is_refused_for_what_the_points_leave_open(room, monkeypatch):
+    pair = true_pair(room, ("x1", "y1", "floor", "ceiling"))
+    monkeypatch.setattr(type(pair), "sigmas_of", lambda self, figures: np.full_like(figures(self), 0.2 / self.baseline))
+    with pytest.raises(CalibrationError, match=r"put the camera 0\.60 \+- 0\.20 m behind wall x0.*further aside"):
+        room_from_stereo(pair, (3.6, 4.8, 2.4))
+
+
 def straight(x1, plane):
     """A camera of focal length 500 px; the projector stands 1 to the right, looking the same way."""
     rays = np.column_stack([x1 / 500, np.ones(len(x1))])
