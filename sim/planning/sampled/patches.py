@@ -161,14 +161,15 @@ class _Look:
                 return None
         self.on_progress(NUMBERS_DONE)
         pieces.measure_all()
-        uneven = pieces.bias**2 > BIAS_SHARE * goal**2
+        bias = BIAS_SHARE**0.5 * goal
+        uneven = pieces.bias > bias
         now = _Reached(patches=start.n_patches, error=pieces.error, bias=pieces.bias, senders_cut=uneven)
         self.reached = now
         if before is not None:
             left = attrgetter("bias" if before.senders_cut else "error")
             _check_progress((before.patches, left(before)), (now.patches, left(now)), goal)
         if uneven:
-            pieces.cut_senders()
+            pieces.cut_senders(bias)
             self.cells = pieces.settled
             return None
         self._cut(pieces)

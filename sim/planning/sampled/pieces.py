@@ -42,8 +42,10 @@ SENDER_RAYS, FEWEST_SENDER_RAYS, MOST_SENDER_RAYS = 1 << 13, 8, 256
 """Of all patches together, to learn what senders of one number change, and limits of those from each."""
 SENDER_NOISE, MORE_SENDER_RAYS = 0.25, 4
 """Of the goal's square that its noise may take before there are more rays, and how many times as many."""
-SENDERS_CUT = 0.9
-"""Of the squared variation within all patches, that quartered ones hold."""
+BELOW = 0.4
+"""Of the squared variation that may be left: a cut is expected to leave a quarter, and at an edge leaves half."""
+LEAST_LEFT = 1 / 8
+"""Of the squared variation within all patches, that one look at them cuts away at most."""
 CUT_GAIN = 0.6
 """Of a patch's squared error, that quarters are expected to lose: 0.5 at a shadow's edge, 0.94 where light bends."""
 AIM = 0.95
@@ -148,11 +150,14 @@ class Pieces:
         """Expected of light that is linear within the pieces, with safety; 1 = white."""
         return float(np.hypot(self._error(float(self.squared.sum()) + self.doubt), self.bias))
 
-    def cut_senders(self) -> None:
-        """Cut the patches that hold most of what one number a patch leaves: what they send is wrong by it."""
-        order = np.argsort(self.varies)[::-1]
-        held = np.cumsum(np.maximum(self.varies[order], 0.0))
-        self._divide(order[: int(np.searchsorted(held, SENDERS_CUT * held[-1])) + 1])
+    def cut_senders(self, bias: float) -> None:
+        """Cut patches, the most uneven twice, until what one number each leaves seems to change no more than `bias`."""
+        levels = cuts_of(self.varies, BELOW * (bias / self.bias) ** 2)
+        chosen = np.flatnonzero(levels)
+        pieces, parents = _divided(self.cells.chosen(chosen))
+        again = levels[chosen[parents]] > 1
+        finer, _ = _divided(pieces.chosen(np.flatnonzero(again)))
+        self._replace(levels == 0, joined(pieces.chosen(np.flatnonzero(~again)), finer))
 
     def cut(self) -> None:
         """Cut as many of the worst pieces as seem to be needed, and measure what they are cut into."""
@@ -170,11 +175,14 @@ class Pieces:
         kept[chosen] = False
         pieces, parents = _divided(self.cells.chosen(chosen))
         own = self.own[chosen[parents]]
-        lit = emission(pieces, self.light)
-        self.lit_cells = _joined_light(self.lit_cells, kept, lit)
+        self._replace(kept, pieces)
         self.seen = self.seen.chosen(kept).joined(self._measured(pieces, own))
-        self.cells, self.own = joined(self.cells.chosen(kept), pieces), np.concatenate([self.own[kept], own])
+        self.own = np.concatenate([self.own[kept], own])
         self.rays = np.concatenate([self.rays[kept], np.full(pieces.n_patches, FEWEST_RAYS)])
+
+    def _replace(self, kept: BoolArray, pieces: AdaptivePatches) -> None:
+        self.lit_cells = _joined_light(self.lit_cells, kept, emission(pieces, self.light))
+        self.cells = joined(self.cells.chosen(kept), pieces)
 
     @property
     def settled(self) -> AdaptivePatches:
@@ -211,6 +219,28 @@ class Pieces:
         gain = (1 - MORE_RAYS ** (-2 * NOISE_POWER)) * np.cumsum(noise[order] ** 2)
         count = int(np.searchsorted(gain, excess)) + 1 if excess > 0 else 0
         return order[:count][noise[order[:count]] > 0]
+
+
+def cuts_of(varies: FloatArray, share: float) -> IntArray:
+    """Return how often patches are cut in quarters, 0 to 2 times, for a share of their squared variation to be left.
+
+    Each cut leaves a quarter of it, and makes of a patch four, of four sixteen: those come first that cut most away for
+    each patch that they make.
+
+    Parameters
+    ----------
+    varies : (P,)
+        Squared variation of the light within each patch, times area; below 0 by noise alone.
+    share : float
+        Of their sum, which may be left.
+    """
+    squared = np.maximum(varies, 0.0)
+    gains = np.concatenate([squared * 3 / 4, squared * 3 / 16])
+    worth = np.concatenate([squared / 4, squared / 64])
+    order = np.argsort(-worth, kind="stable")
+    enough = (1 - max(share, LEAST_LEFT)) * squared.sum()
+    chosen = order[: int(np.searchsorted(np.cumsum(gains[order]), enough)) + 1]
+    return np.bincount(chosen % len(squared), minlength=len(squared))
 
 
 def _without_negative_light(cells: AdaptivePatches, B: FloatArray, slopes: FloatArray) -> FloatArray:

@@ -11,6 +11,7 @@ from sim.geometry.adaptive_patches import coarsest_patches
 from sim.geometry.mesh import Mesh
 from sim.light.lighting import Emission, Lighting, emission, make_test_lighting
 from sim.planning.linear_light import Senders, variation_within
+from sim.planning.sampled.pieces import cuts_of
 from sim.planning.sampled.uneven_senders import UnevenSenders
 from sim.planning.simulation import Model, simulate
 from sim.scenes.cluttered import random_corner
@@ -115,3 +116,21 @@ def test_a_lamp_that_lights_half_a_patch_shifts_what_stands_beside_that_half_by_
     ).factors.matrix[2]
     expected = 0.8 * (0.5 * exact[0] - 0.5 * exact[1])
     assert [shift[1] for shift in shifts] == pytest.approx([expected] * 2, rel=0.03)
+
+
+def test_even_light_is_cut_nowhere_and_uneven_light_where_a_cut_takes_most_away() -> None:
+    """A patch with a hundred times the squared variation of the others is cut twice before these are cut once."""
+    varies = np.array([100.0, 1.0, 1.0, 0.0, -1.0])
+    assert cuts_of(varies, 0.3).tolist() == [1, 0, 0, 0, 0], "a quarter of 100 is left, and 2 of the others"
+    assert cuts_of(varies, 0.125).tolist() == [2, 0, 0, 0, 0]
+    assert cuts_of(np.ones(8), 0.9).sum() == 2, "each takes 3/4 of an eighth away"
+
+
+def test_one_look_cuts_no_finer_than_its_measurement_tells() -> None:
+    """An eighth of the variation stays, however little may be left: what pieces of pieces have nobody has measured."""
+    varies = np.random.default_rng(2).lognormal(0, 2, 500)
+    assert (cuts_of(varies, 1e-6) == cuts_of(varies, 1 / 8)).all()
+    levels = cuts_of(varies, 1 / 8)
+    left = (varies * 0.25**levels).sum() / varies.sum()
+    assert 0.1 < left <= 1 / 8
+    assert varies[levels == 2].min() > 10 * varies[levels == 0].max(), "of four pieces each has a sixteenth"
