@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from calibration.light.blur import LensBlur
 from rig.report.pictures import png_figure
+from rig.stages.light.records import BlurRecord, SeparationRecord
 from rig.stages.model import FittedScene
-from rig.stages.separation import BlurRecord, SeparationRecord
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]

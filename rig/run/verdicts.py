@@ -11,8 +11,8 @@ from rig.profile.tables import Limits
 from rig.records import Verdict
 from rig.stages.light.exposure import CameraExposure
 from rig.stages.light.odd_checks import first_names
+from rig.stages.light.records import SeparationRecord
 from rig.stages.results import GeometryResult, ModelComparison, ModelResult
-from rig.stages.separation import SeparationRecord
 from rig.stages.stripes.showing import focus_verdicts, out_of_focus
 
 _SURER = (

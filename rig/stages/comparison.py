@@ -24,7 +24,8 @@ from rig.stages.model import FittedScene, load_model, simulated_white
 from rig.stages.photograph import ExposureBracket, photograph
 from rig.stages.picture_errors import PictureErrors, picture_errors
 from rig.stages.prediction import JUDGED, JudgedPixels, Prediction, judged_pixels, predict
-from rig.stages.radiometry import averaged_settings, load_radiometric_calibration
+from rig.stages.radiometry import averaged_settings
+from rig.stages.separation import calibration_of_pictures
 from rig.terminal import OnStep
 
 FloatArray = NDArray[np.float64]
@@ -143,13 +144,13 @@ class _Residuals:
 
 def comparison_settings(_: Session) -> JsonObject:
     """Return what step `compare` depends on."""
-    return {"sigma": "of noise and model", "judged": JUDGED, "lamp": "taken out"}
+    return {"sigma": "of noise, processing and model", "judged": JUDGED, "lamp": "taken out"}
 
 
 def compare_all(session: Session, step: Step, on_step: OnStep) -> None:
     """Step `compare`: errors against the target for each strategy, against the prediction for every frame."""
     model, judged = load_model(session), judged_pixels(load_model(session), session.finished("compensate"))
-    names, radiometric = list(load_compensation(session).strategies), load_radiometric_calibration(session)
+    names, radiometric = list(load_compensation(session).strategies), calibration_of_pictures(session)
     projected = session.finished("project")
     bracket = projected.load_record("shot", ExposureBracket)
     counted = _counted(judged.mask, radiometric)

@@ -77,6 +77,8 @@ class RadiometricCalibration:
     """Of each channel."""
     gain_e_per_dn: float
     read_noise_dn: float
+    processing_noise_dn: float = 0.0
+    """What the camera's processing, as JPEG, adds to a frame, and to each repeat alike; 0 for raw frames."""
     black: Mapping[float, Float32Array]
     """(H, W, B) linear light (not relative to exposure, not balanced) while the projector shows black, by exposure.
     [full scale]"""
@@ -111,6 +113,15 @@ class RadiometricCalibration:
         rounding = self._rounding[1].astype(np.float32)
         rounded = reduce(np.add, [rounding[frame] for frame in frames]) / np.float32(len(frames))
         return np.asarray((self._sensor_noise(mean) + rounded) / np.float32(len(frames)), dtype=np.float32)
+
+    def processing_noise(self, linear: Float32Array) -> Float32Array:
+        """Return the variance that processing leaves of linear light, of one frame or many."""
+        return np.asarray((self.processing_noise_dn * self.light_of_a_dn(linear)) ** 2, dtype=np.float32)
+
+    def light_of_a_dn(self, linear: FloatArray | Float32Array) -> FloatArray:
+        """Return the light that a digital number makes at some light, any shape."""
+        light = self._rounding[0]
+        return np.asarray(np.interp(linear, light, np.gradient(light)))
 
     def black_seen(self, exposure_s: float) -> Float32Array:
         """Return the light of black as frames have it: (H, W, B), or (H, W, 1) of a mosaic."""
@@ -226,6 +237,8 @@ def _single_exposure(
     # room light that flickers is not the same in a frame and in the black that is subtracted from it
     ripple = np.float32(radiometric.black_ripple.get(exposure_s, 0.0))
     noise += (ripple * black) ** 2 * np.float32(1 / len(frames) + 1 / radiometric.black_repeats)
+    if radiometric.processing_noise_dn:
+        noise += radiometric.processing_noise(mean)
     variance = np.asarray(noise / ratio**2, dtype=np.float32)
     clipped = np.any([frame >= radiometric.saturation_dn for frame in frames], axis=0)
     return LightImage((mean - black) / ratio, variance, clipped)

@@ -22,7 +22,8 @@ from rig.stages.model import FittedScene, load_model
 from rig.stages.photograph import ExposureBracket, photograph
 from rig.stages.picture_errors import contrast, perceived_errors
 from rig.stages.prediction import JUDGED, JudgedPixels, judged_pixels, wanted_light, whole_picture
-from rig.stages.radiometry import load_radiometric_calibration, measuring_bracket
+from rig.stages.radiometry import measuring_bracket
+from rig.stages.separation import calibration_of_pictures
 from rig.stages.showing.dark import dark_settings
 from rig.stages.target import Target, check_strategies
 from rig.stages.transport.earlier import keep_evidence
@@ -190,7 +191,7 @@ def controlled_scene_of(session: Session, step: Step, target: Target) -> Control
     model = load_model(session)
     return ControlledScene(
         model=model,
-        radiometric=load_radiometric_calibration(session),
+        radiometric=calibration_of_pictures(session),
         transport=model.room.projector_transport,
         view=judged_pixels(model, step),
         wanted=wanted_light(model, target),

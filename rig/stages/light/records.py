@@ -1,4 +1,4 @@
-"""What step `model` finds, as its records."""
+"""What steps `separation` and `model` find, as their records."""
 
 from __future__ import annotations
 
@@ -7,6 +7,49 @@ from dataclasses import dataclass
 
 from rig.records import Record
 from rig.stages.light.unseen_walls import PlacedByLight
+
+
+@dataclass(frozen=True, kw_only=True)
+class BlurRecord(Record):
+    """Blur of one lens."""
+
+    variance_px2: tuple[float, float, float, float]
+    """Coefficients of :class:`calibration.light.blur.LensBlur`."""
+    middle_px: float
+    """Standard deviation in the middle of its picture ..."""
+    middle_sigma_px: float
+    """... and how well that is known."""
+    worst_px: float
+    """Largest at a corner of its picture."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SeparationRecord(Record):
+    """What step `separation` found, beside its images."""
+
+    projector_blur: BlurRecord
+    camera_blur: BlurRecord
+    checker_size_px: int
+    """Of the checks that were shown: what the profile says, unless that is too fine for the blur."""
+    stripes_blur_px: float | None = None
+    """By stripes of the code, before: standard deviation of what a camera pixel sees, in projector pixels.
+    None for a code without such stripes."""
+    camera_pixel_px: float | None = None
+    """Side of a camera pixel in projector pixels, at the coarse end; None in sessions of before it was asked for."""
+    checks_blur_px: float | None = None
+    """Blur, as that of stripes, by the checks; None in sessions of before it was kept."""
+    blur_rms: float
+    """What the blurred pattern leaves of a pixel's light, as a share of its direct light."""
+    middle_percent: float | None = None
+    """Direct light by the middles of checks alone, less that by all frames, in per cent of it, which what is kept has
+    more of; None where checks have no middle, and in sessions of before it was looked for."""
+    left_out: tuple[str, ...] = ()
+    """Pictures of checks that are not what the others make of them."""
+    processing_noise_dn: float = 0.0
+    """What the camera's processing, as JPEG, adds to pictures of checks, rms; 0 of raw frames, and in sessions of
+    before it was looked for."""
+    extremes_over_known_pattern: float
+    """Median direct light by the brightest and darkest frames over that by the known pattern."""
 
 
 @dataclass(frozen=True, kw_only=True)

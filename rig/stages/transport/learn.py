@@ -21,7 +21,8 @@ from rig.stages.linear_light import RadiometricCalibration, channel_light, merge
 from rig.stages.model import FittedScene, load_prior_model, transport_priors
 from rig.stages.photograph import ExposureBracket, photograph
 from rig.stages.prediction import picture_parts
-from rig.stages.radiometry import load_radiometric_calibration, measuring_bracket
+from rig.stages.radiometry import measuring_bracket
+from rig.stages.separation import calibration_of_pictures
 from rig.stages.transport.held_out import ShownPictures, learned_bands, what_is_left
 from rig.stages.transport.learned import BandPrior
 from rig.stages.transport.pictures import KnownPicture, fixed_pictures, of_patches, usual_pictures
@@ -144,7 +145,7 @@ def usual_at_all_places(band: BandPrior, shape: tuple[int, int]) -> Pictures:
 
 def learn_transport(rig: Rig, session: Session, step: Step, on_step: OnStep) -> None:
     """Step `transport`: photograph what tells most, until that is less than the noise or there are enough."""
-    model, radiometric = load_prior_model(session), load_radiometric_calibration(session)
+    model, radiometric = load_prior_model(session), calibration_of_pictures(session)
     most, bracket = session.profile.transport.photographs, measuring_bracket(session)
     bands, shape = transport_priors(session), rig.projector.shape
     middle = len(bands) // 2

@@ -12,9 +12,9 @@ from rig.profile.schema import Profile
 from rig.records import Verdict
 from rig.run.verdicts import checks_verdicts, geometry_verdicts, lateness_verdicts, room_light_verdicts, verdicts
 from rig.stages.light.exposure import CameraExposure
+from rig.stages.light.records import BlurRecord, SeparationRecord
 from rig.stages.light.unseen_walls import PlacedByLight
 from rig.stages.results import GeometryResult, ModelComparison, ModelErrors, ModelResult
-from rig.stages.separation import BlurRecord, SeparationRecord
 
 SIGMAS_M = {f"{device}_{axis}_m": 0.004 for device in ("camera", "projector", "room") for axis in "xyz"}
 SIGMAS_M |= {"relative_x_m": 0.001, "surface_x1_m": 0.004, "surface_floor_m": 0.003, "baseline_m": 0.001}
