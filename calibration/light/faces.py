@@ -14,7 +14,8 @@ from calibration.errors import CalibrationError
 EDGE_PX = 3
 """Camera pixels beside the edge of a wall that do not tell its reflectance: a blur of 1.2 px reaches so far."""
 
-
+_NEAR = 1e-6
+"""Weight of a Gaussian's sum beyond which there are pixels near: five standard deviations away there are none."""
 _LEAST_ON_MODEL = 0.3
 """Of the lit pixels: random rooms of which only two walls were seen had 0.58 and more."""
 
@@ -59,7 +60,7 @@ def on_model_of(lit: BoolArray, on_model: BoolArray) -> BoolArray:
 
 
 def smoothed_along_faces(
-    values: FloatArray, lit: BoolArray, face: NDArray[np.integer], share_of_width: float
+    values: FloatArray, lit: BoolArray, face: NDArray[np.integer], share_of_width: float, told: BoolArray | None = None
 ) -> FloatArray:
     """Return (H, W) means of values around each lit pixel over the lit pixels of its face; 0 where not lit.
 
@@ -68,13 +69,17 @@ def smoothed_along_faces(
     values, lit, face : (H, W)
     share_of_width : float
         Spread of the smoothing, of the picture's width.
+    told : (H, W), optional
+        Pixels whose values count, where a face has any; default: all that are lit. Far from them a pixel keeps its own.
     """
-    smooth = np.zeros(lit.shape)
+    smooth, sigma_px = np.zeros(lit.shape), share_of_width * lit.shape[1]
     for k in np.unique(face[lit]):
-        on = (lit & (face == k)).astype(np.float64)
-        weight = cv2.GaussianBlur(on, (0, 0), share_of_width * lit.shape[1])
-        total = cv2.GaussianBlur(np.where(lit, values, 0.0) * on, (0, 0), share_of_width * lit.shape[1])
-        smooth = np.where(on > 0, total / np.maximum(weight, 1e-9), smooth)
+        on = lit & (face == k)
+        of = on if told is None or not (on & told).any() else on & told
+        weight = cv2.GaussianBlur(of.astype(np.float64), (0, 0), sigma_px)
+        total = cv2.GaussianBlur(np.where(of, values, 0.0), (0, 0), sigma_px)
+        mean = np.where(weight > _NEAR, total / np.maximum(weight, _NEAR), values)
+        smooth = np.where(on, mean, smooth)
     return smooth
 
 

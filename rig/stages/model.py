@@ -211,9 +211,11 @@ def _of_white(
     face = face_of_pixels(scene_model.camera_hits, lit.shape)
     known = lit & (modelled > 0)
     ratio = np.where(known, (light.white - direct_of_white) / np.where(known, modelled, 1.0), 1.0)
-    ratio = np.where(lit, walls.smoothed_along_faces(ratio, lit, face, SMOOTHING_SHARE), 1.0)
+    # Beside the border what is missing of direct light is known to some of its per cent, which are all of global light.
+    inside = border > WHOLE_WHITE
+    ratio = np.where(lit, walls.smoothed_along_faces(ratio, lit, face, SMOOTHING_SHARE, inside), 1.0)
     whole = direct_of_white + ratio * modelled
-    beside = known & (whole > 0) & walls.beside_edges(face, lit & (border > WHOLE_WHITE))
+    beside = known & (whole > 0) & walls.beside_edges(face, lit & inside)
     kept = np.where(
         beside, np.clip(light.white / np.where(beside, whole, 1.0), 1 / _MOST_RESCALED, _MOST_RESCALED), 1.0
     )
