@@ -17,6 +17,9 @@ _GAUSSIAN = 0.997
 """Share of a normal distribution within three standard deviations."""
 _LEAST_WITHIN = 0.93
 """The same when the stated deviations are 0.6 of the true ones: then they say too little."""
+_LEAST_NOISE, _LEAST_PROCESSED = 0.9, 0.6
+"""Of measured minus simulated light over its noise, at least; the second of frames that the camera processes, as smooth
+pictures have less of that."""
 _MODEL_SPREAD = 1.25
 """Of measured minus simulated light over its noise: what is left beside noise is then 0.75 of it."""
 _MEASURED_SPREAD = 0.1
@@ -70,14 +73,16 @@ def _reprojection(geometry: GeometryResult, projector_xy_px: NDArray[np.floating
 def _model_error(comparison: ModelComparison) -> ExpectedFigure:
     n = comparison.photographs
     averaged = f", with {n} photographs of each picture averaged" if n > 1 else ""
+    processed_dn = comparison.processing_noise_dn
+    processed = f", frames are compressed or processed by {processed_dn:.1f} dn," if processed_dn else ""
     return ExpectedFigure(
         what="measured - simulated, rms",
         value=comparison.rmse,
-        low=0.9 * comparison.noise_rms,
+        low=(_LEAST_PROCESSED if processed_dn else _LEAST_NOISE) * comparison.noise_rms,
         high=_MODEL_SPREAD * comparison.noise_rms,
         unit="grey levels",
-        because=f"noise of the camera and of what was measured of the scene is {comparison.noise_rms:.2f} grey levels"
-        f"{averaged}",
+        because=f"noise of the camera{processed} and of what was measured of the scene is "
+        f"{comparison.noise_rms:.2f} grey levels{averaged}",
         raised_by="things in the room that the model lacks, gloss, a lamp that drifts, blur that changed",
         remedy="look at the error pictures: spots are things, a slope is vignetting or drift, edges are focus",
     )

@@ -213,7 +213,7 @@ def _of_white(
     ratio = np.where(known, (light.white - direct_of_white) / np.where(known, modelled, 1.0), 1.0)
     # Beside the border what is missing of direct light is known to some of its per cent, which are all of global light.
     inside = border > WHOLE_WHITE
-    ratio = np.where(lit, walls.smoothed_along_faces(ratio, lit, face, SMOOTHING_SHARE, inside), 1.0)
+    ratio = np.where(lit, walls.smoothed_along_faces(ratio, lit, face, SMOOTHING_SHARE, told=inside), 1.0)
     whole = direct_of_white + ratio * modelled
     beside = known & (whole > 0) & walls.beside_edges(face, lit & inside)
     kept = np.where(

@@ -195,6 +195,8 @@ class ModelComparison(ModelErrors):
     frames: Mapping[str, ModelErrors]
     photographs: int = 1
     """Of each picture at each exposure, that were averaged."""
+    processing_noise_dn: float = 0.0
+    """What the camera's processing, as JPEG, is taken to add to each of them: it is part of `noise_rms`."""
 
 
 @dataclass(frozen=True, kw_only=True)

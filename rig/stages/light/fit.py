@@ -156,7 +156,7 @@ def direct_gain(light: BandLight, lit: BoolArray, camera_hits: PixelHits, border
     direct = np.where(lit, light.direct / border, 0.0).astype(np.float64)
     share = np.where(lit, direct / np.maximum(direct + light.white - light.direct, _NO_LIGHT), 0.0)
     face = face_of_pixels(camera_hits, lit.shape)
-    smooth = walls.smoothed_along_faces(share, lit, face, SMOOTHING_SHARE, border > WHOLE_WHITE)
+    smooth = walls.smoothed_along_faces(share, lit, face, SMOOTHING_SHARE, told=border > WHOLE_WHITE)
     return np.asarray(light.white * smooth / np.maximum(1 - smooth * (1 - border), _NO_LIGHT))
 
 
