@@ -61,7 +61,7 @@ def looks_at_picture(xy_px: FloatArray | Float32Array, projector_shape: tuple[in
 
 
 def border_width_px(seen: Footprint, stretched: FloatArray, beside: BoolArray) -> float:
-    """Return how many camera pixels those beside the border are wide, as a rule; 0 where there are none.
+    """Return how many camera pixels the strip beside the border is wide, as a rule; 0 where there is none.
 
     Parameters
     ----------
@@ -84,7 +84,7 @@ def continued_places(xy_px: FloatArray, known: BoolArray, wanted: BoolArray, wid
     known, wanted : (H, W)
         Pixels whose places are right, and those that are asked for, in the order of ``np.nonzero(wanted)``.
     width_px : float
-        How far into those that are asked for the middle one is, doubled: of the camera's pixels.
+        Of those that are asked for, across the border: :func:`border_width_px`.
     """
     apart = max(1, round(_EACH * width_px))
     inside, asked = np.argwhere(known[::apart, ::apart]) * apart, np.argwhere(wanted)

@@ -67,6 +67,11 @@ def test_worse_jpeg_adds_more() -> None:
     assert added_dn(frames_dn(60)) > 1.5 * added_dn(frames_dn(90)) > 0
 
 
+def test_a_light_that_flickers_is_none_of_the_cameras_processing() -> None:
+    frames = [frame * np.float32(1 + 0.03 * np.sin(k)) for k, frame in enumerate(frames_dn(None))]
+    assert added_dn(frames) == 0.0
+
+
 def test_where_no_pixel_may_be_asked_nothing_is_said_to_be_added() -> None:
     found = scatter(frames_dn(75), usable=False)
     assert len(found.light) == 0
