@@ -7,7 +7,7 @@ are compressed is not.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -61,7 +61,7 @@ class MiddleScatter:
 
 
 def scatter_in_middles(
-    frames: Sequence[Float32Array],
+    frames: Iterable[Float32Array],
     patterns: Sequence[Codes],
     correspondence: Correspondence,
     *,

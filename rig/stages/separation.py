@@ -171,8 +171,7 @@ def _processing_noise_dn(
         return 0.0
     image, bracket = white
     direct, of_white = found.known.direct.mean(axis=-1), image.value.mean(axis=-1)
-    frames = [frame.mean(axis=-1) for frame in checks.frames]
-    usable = _lit_by(direct, found.known)
+    usable, frames = _lit_by(direct, found.known), (frame.mean(axis=-1) for frame in checks.frames)
     scatter = scatter_in_middles(frames, checks.codes, found.finer, seen=found.seen, direct=direct, usable=usable)
     share = scatter.light / np.maximum(of_white[scatter.at], np.float32(1e-9))
     bands = image.value.shape[-1]
