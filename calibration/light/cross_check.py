@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.arrays import BoolArray, Codes, Float32Array, FloatArray
+from calibration.arrays import BoolArray, Codes, Float32Array, FloatArray, IntArray
 from calibration.light.blur import pixels_inside, stretch
 from calibration.light.two_level import Footprint, shares_and_slopes, two_level
 from calibration.structured_light.correspondence import Correspondence
@@ -20,11 +20,11 @@ from calibration.structured_light.correspondence import Correspondence
 _MARGINS_PX = (2.0, 1.5, 1.25, 1.0)
 """Of the camera, or of the projector where its pixels are larger: standard deviation of what is added to the blur to
 tell which pixels lie in the middle of a check; the widest of which enough samples have a middle."""
-_MIDDLE = 0.025
+MIDDLE = 0.025
 """Share of another check in the middle of one: two such standard deviations from its edges."""
 _LEAST_WITH_MIDDLE = 0.3
 """Of the samples."""
-_SAMPLES, _LEAST_SAMPLES = 20_000, 200
+_SAMPLES, LEAST_SAMPLES = 20_000, 200
 _EDGE_PX = 8.0
 """From the border of the projector's picture, behind which is no check."""
 
@@ -73,10 +73,8 @@ def cross_check(
     CrossCheck or None
         None where fewer than 200 pixels tell.
     """
-    stretched = stretch(correspondence)
-    told = usable & (stretched > 0).all(axis=-1)
-    at = pixels_inside(seen.xy_px, correspondence.projector_shape, told, edge_px=_EDGE_PX, most=_SAMPLES)
-    if len(at[0]) < _LEAST_SAMPLES:
+    at = sampled_pixels(correspondence, seen, usable, _SAMPLES)
+    if len(at[0]) < LEAST_SAMPLES:
         return None
     pictures = [two_level(codes) for codes in patterns]
     light, wanted = np.stack([frame[at] for frame in frames]).astype(np.float64), direct[at].astype(np.float64)
@@ -86,7 +84,7 @@ def cross_check(
         wider = Footprint(xy_px=xy_px, variance_px2=variance_px2 + more_px2)
         return np.asarray(shares_and_slopes(pictures, wider, order=0)[0])
 
-    wide_px2 = np.maximum(stretched[at], 1.0)
+    wide_px2 = np.maximum(stretch(correspondence)[at], 1.0)
     middles = (_by_middles(light, shares(margin**2 * wide_px2), wanted) for margin in _MARGINS_PX)
     left = _left(light, shares(0.0), wanted)
     rms = np.sqrt((left**2).mean(axis=1))
@@ -97,11 +95,19 @@ def cross_check(
     )
 
 
+def sampled_pixels(
+    correspondence: Correspondence, seen: Footprint, usable: BoolArray, most: int
+) -> tuple[IntArray, IntArray]:
+    """Choose rows and columns of usable pixels, (N,) each, that see the picture's checks away from its border."""
+    told = usable & (stretch(correspondence) > 0).all(axis=-1)
+    return pixels_inside(seen.xy_px, correspondence.projector_shape, told, edge_px=_EDGE_PX, most=most)
+
+
 def _by_middles(light: FloatArray, wide: FloatArray, direct: FloatArray) -> float | None:
     """Share by which the middles of checks have more direct light; None where too few samples have them."""
-    bright, dark = wide > 1 - _MIDDLE, wide < _MIDDLE
+    bright, dark = wide > 1 - MIDDLE, wide < MIDDLE
     both = np.flatnonzero(bright.any(axis=0) & dark.any(axis=0))
-    if len(both) < max(_LEAST_WITH_MIDDLE * len(direct), _LEAST_SAMPLES):
+    if len(both) < max(_LEAST_WITH_MIDDLE * len(direct), LEAST_SAMPLES):
         return None
     mean = [(light * part)[:, both].sum(axis=0) / part[:, both].sum(axis=0) for part in (bright, dark)]
     return float((mean[0] - mean[1]).sum() / direct[both].sum() - 1)

@@ -13,16 +13,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from calibration.arrays import BoolArray, Codes, Float32Array, FloatArray, IntArray
-from calibration.light.blur import pixels_inside, stretch
+from calibration.light.cross_check import LEAST_SAMPLES, MIDDLE, sampled_pixels
 from calibration.light.two_level import Footprint, shares_and_slopes, two_level
 from calibration.structured_light.correspondence import Correspondence
 
-_SAMPLES, _LEAST_SAMPLES, _LEAST_FRAMES = 5000, 200, 4
+_SAMPLES, _LEAST_FRAMES = 5000, 4
 """Pixels, and pictures of a check's lit middle each: a variance of all is then known to a few per cent."""
-_EDGE_PX = 8.0
-"""From the border of the projector's picture, behind which is no check."""
-_MIDDLE = 0.025
-"""Share of another check, at most, in the middle of one."""
 _KEPT = 0.98
 """Of the pixels, those that vary least: the others saw something else."""
 _SWEEPS = 5
@@ -91,15 +87,13 @@ def scatter_in_middles(
     MiddleScatter
         Of no pixel where fewer than 200 lie in a middle four times.
     """
-    stretched = stretch(correspondence)
-    told = usable & (stretched > 0).all(axis=-1)
-    at = pixels_inside(seen.xy_px, correspondence.projector_shape, told, edge_px=_EDGE_PX, most=_SAMPLES)
+    at = sampled_pixels(correspondence, seen, usable, _SAMPLES)
     places = Footprint(xy_px=seen.xy_px[at].astype(np.float64), variance_px2=seen.variance_px2[at])
     share = shares_and_slopes([two_level(codes) for codes in patterns], places, order=0)[0]
-    lit = share > 1 - _MIDDLE
+    lit = share > 1 - MIDDLE
     count = lit.sum(axis=0)
     enough = count >= _LEAST_FRAMES
-    if enough.sum() < _LEAST_SAMPLES:
+    if enough.sum() < LEAST_SAMPLES:
         enough[:] = False
     whole = np.stack([frame[at] for frame in frames]) + (1 - share) * direct[at]
     light, lit, count = whole[:, enough], lit[:, enough], count[enough]
