@@ -58,7 +58,7 @@ class Finished:
         """Its error, in its own words; of a crash the last of them."""
         lines = [line.removeprefix("rig: ") for line in self.err.splitlines() if line.startswith("rig: ")]
         last = (self.err.strip().splitlines() or [f"ended with {self.status}"])[-1]
-        return ((*lines, last)[0]) if self.status else ""
+        return (lines or [last])[0] if self.status else ""
 
 
 def rig_command(arguments: Sequence[str]) -> Finished:

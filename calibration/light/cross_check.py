@@ -73,7 +73,8 @@ def cross_check(
     CrossCheck or None
         None where fewer than 200 pixels tell.
     """
-    at = sampled_pixels(correspondence, seen, usable, _SAMPLES)
+    stretched = stretch(correspondence)
+    at = sampled_pixels(seen, stretched, correspondence.projector_shape, usable=usable, most=_SAMPLES)
     if len(at[0]) < LEAST_SAMPLES:
         return None
     pictures = [two_level(codes) for codes in patterns]
@@ -84,7 +85,7 @@ def cross_check(
         wider = Footprint(xy_px=xy_px, variance_px2=variance_px2 + more_px2)
         return np.asarray(shares_and_slopes(pictures, wider, order=0)[0])
 
-    wide_px2 = np.maximum(stretch(correspondence)[at], 1.0)
+    wide_px2 = np.maximum(stretched[at], 1.0)
     middles = (_by_middles(light, shares(margin**2 * wide_px2), wanted) for margin in _MARGINS_PX)
     left = _left(light, shares(0.0), wanted)
     rms = np.sqrt((left**2).mean(axis=1))
@@ -96,11 +97,11 @@ def cross_check(
 
 
 def sampled_pixels(
-    correspondence: Correspondence, seen: Footprint, usable: BoolArray, most: int
+    seen: Footprint, stretched: FloatArray, projector_shape: tuple[int, int], *, usable: BoolArray, most: int
 ) -> tuple[IntArray, IntArray]:
     """Choose rows and columns of usable pixels, (N,) each, that see the picture's checks away from its border."""
-    told = usable & (stretch(correspondence) > 0).all(axis=-1)
-    return pixels_inside(seen.xy_px, correspondence.projector_shape, told, edge_px=_EDGE_PX, most=most)
+    told = usable & (stretched > 0).all(axis=-1)
+    return pixels_inside(seen.xy_px, projector_shape, told, edge_px=_EDGE_PX, most=most)
 
 
 def _by_middles(light: FloatArray, wide: FloatArray, direct: FloatArray) -> float | None:

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from calibration.arrays import BoolArray, Codes, Float32Array, FloatArray, IntArray
+from calibration.light.blur import stretch
 from calibration.light.cross_check import LEAST_SAMPLES, MIDDLE, sampled_pixels
 from calibration.light.two_level import Footprint, shares_and_slopes, two_level
 from calibration.structured_light.correspondence import Correspondence
@@ -87,7 +88,8 @@ def scatter_in_middles(
     MiddleScatter
         Of no pixel where fewer than 200 lie in a middle four times.
     """
-    at = sampled_pixels(correspondence, seen, usable, _SAMPLES)
+    shape = correspondence.projector_shape
+    at = sampled_pixels(seen, stretch(correspondence), shape, usable=usable, most=_SAMPLES)
     places = Footprint(xy_px=seen.xy_px[at].astype(np.float64), variance_px2=seen.variance_px2[at])
     share = shares_and_slopes([two_level(codes) for codes in patterns], places, order=0)[0]
     lit = share > 1 - MIDDLE

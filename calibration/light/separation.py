@@ -234,32 +234,25 @@ class _Pixels:
         told, untold = (tuple(axis[which] for axis in outline) for which in (continued.told, ~continued.told))
         xy_px[told] = continued.xy_px[continued.told]
         straight = stretch(replace(correspondence, projector_xy_px=xy_px.astype(np.float32)))
-        replace(self, stretched=straight).split(told, xy_px, found, passes=0)
+        replace(self, stretched=straight).split(told, xy_px, found, are_known=True)
         found[3][told] = continued.variance_px2[continued.told]
         self.split(untold, xy_px, found)
         return xy_px, found
 
-    def split(self, at: tuple[IntArray, ...], xy_px: FloatArray, found: FloatArray, *, passes: int = _PASSES) -> None:
+    def split(self, at: tuple[IntArray, ...], xy_px: FloatArray, found: FloatArray, *, are_known: bool = False) -> None:
         """Find direct light, its variance, the pattern's rms change and the variance of places, (4, H, W), of pixels.
 
-        Their places are moved in `passes`; without any they are known, and count as they are.
+        Their places are moved to where light tells, unless they are known.
         """
         for first in range(0, len(at[0]), _CHUNK):
             some = tuple(axis[first : first + _CHUNK] for axis in at)
             light = np.stack([frame[some] for frame in self.frames]).astype(np.float64)
-            for _ in range(passes):
-                slopes = self._slopes(light, some, xy_px)
+            there = np.stack(some[::-1], axis=-1).astype(np.float64)
+            for _ in range(1 if are_known else _PASSES):
+                seen = footprints(self.spread, xy_px[some], there, self.stretched[some])
+                slopes = _slope_of_light(light, self.pictures, seen, are_known=are_known)
                 xy_px[some] += np.clip(slopes[4:].T, -_MOST_SHIFT_PX, _MOST_SHIFT_PX)
-            if not passes:
-                slopes = self._slopes(light, some, xy_px, are_known=True)
             found[:, some[0], some[1]] = slopes[:4]
-
-    def _slopes(
-        self, light: FloatArray, at: tuple[IntArray, ...], xy_px: FloatArray, *, are_known: bool = False
-    ) -> FloatArray:
-        there = np.stack(at[::-1], axis=-1).astype(np.float64)
-        seen = footprints(self.spread, xy_px[at], there, self.stretched[at])
-        return _slope_of_light(light, self.pictures, seen, are_known=are_known)
 
 
 def _slope_of_light(
@@ -267,7 +260,7 @@ def _slope_of_light(
 ) -> FloatArray:
     """(6, N) direct light, its variance, the pattern's rms change, the variance and the errors (x, y) of the places.
 
-    Of light (K, N); of places that are known nothing is asked.
+    Of light (K, N); places that are known are off by nothing.
     """
     regressors = shares_and_slopes(pictures, seen)
     weight = _weights(pictures, seen, regressors[0])

@@ -36,7 +36,7 @@ from rig.stages.results import (
     StrategyResult,
     TruthErrors,
 )
-from rig.stages.separation import calibration_of_pictures, load_separation_record
+from rig.stages.separation import load_separation_record, processing_of_pictures_dn
 from rig.stages.target import shown_target
 from rig.stages.transport.evidence import gathered_evidence
 from rig.stages.transport.records import TransportRecord
@@ -232,7 +232,7 @@ def _comparison(session: Session) -> ModelComparison:
         sigma_rms=overall.sigma_rms,
         frames=record.frames,
         photographs=session.finished("project").load_record("shot", ExposureBracket).repeats,
-        processing_noise_dn=calibration_of_pictures(session).processing_noise_dn,
+        processing_noise_dn=processing_of_pictures_dn(session),
     )
 
 

@@ -49,10 +49,9 @@ def uncontradicted_rival(
     """Find a fit that nothing contradicts, after the first one was contradicted.
 
     In this order: the first without its tangents of curved surfaces; that with the walls that its lenses show; the
-    first without a small plane that is why it was contradicted; the
-    first with near and far exchanged; the first with a plane askew that stands before others; the others, where they
-    leave less over; these without their tangents; the first with a small plane askew; the first with two planes askew,
-    the first of them one that alone left least over.
+    first without a small plane that is why it was contradicted; the first with near and far exchanged; the first with a
+    plane askew that stands before others; the others, where they leave less over; these without their tangents; the
+    first with a small plane askew; the first with two planes askew, the first of them one that alone left least over.
 
     Parameters
     ----------
