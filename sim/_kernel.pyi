@@ -178,6 +178,16 @@ def exchange_areas(
     hits: NDArray[float64],
 ) -> int: ...
 def ray_means(met: NDArray[int32], values: NDArray[float64], means: NDArray[float64]) -> None: ...
+def sparse_product(
+    starts: NDArray[int32],
+    columns: NDArray[int32],
+    values: NDArray[float64],
+    x: NDArray[float64],
+    out: NDArray[float64],
+) -> None: ...
+def scale_both_sides(
+    starts: NDArray[int32], columns: NDArray[int32], values: NDArray[float64], scale: NDArray[float64]
+) -> None: ...
 
 class CompressedMatrix:
     """Compressed exchange areas: sim/kernel/compressed/matrix.hpp."""

@@ -27,6 +27,7 @@ from scipy.sparse import csr_array
 from sim import _kernel
 from sim.arrays import FloatArray, IntArray
 from sim.errors import SimulationError
+from sim.form_factors.sparse import product, scale_both_sides
 from sim.geometry.surface import Surface
 from sim.kept import Kept
 
@@ -34,12 +35,11 @@ FEWEST_RAYS, MOST_RAYS = 16, 1 << 20
 """Of a patch: two halves of 8, and as far as single precision finds its hits."""
 MOST_SCALINGS = 30
 """Rounds of scaling rows to their sums at most: for closed surfaces, whose sums are known."""
-SUMS_ERROR = 1e-4
-"""Of row sums, at which scaling ends."""
-SUMS_NOISE, TOTAL_ERROR = 0.2, 1e-4
-"""It ends as well where rows miss their sums, RMS over the surface, by this share of what independent rays would
-leave, and all together by this share of their areas: rows need not follow their sums' noise further, but what they miss
-alike grows where light is trapped. Open corners take 3 or 4 rounds; light is as good as after 30."""
+SUMS_ERROR, SUMS_NOISE, TOTAL_ERROR = 1e-4, 0.2, 1e-4
+"""Scaling ends where rows miss their sums, RMS over the surface, by the first, or by this share of what independent
+rays would leave, and all together by this share of their areas: rows need not follow their sums' noise further, but
+what they miss alike grows where light is trapped. Open corners take 3 or 4 rounds, a closed room of 11,082 patches 8;
+light is as good as after 30."""
 FIRST_RAYS = 32
 """Of each patch, to learn what it needs."""
 COUNT_BYTES = 16
@@ -304,7 +304,7 @@ class SampledFormFactors:
         (P,) or (P, K) array
             In the unit of x times m².
         """
-        return np.asarray(self.exchange_areas @ x)
+        return product(self.exchange_areas, x)
 
     @property
     def kernel_mb(self) -> float:
@@ -341,8 +341,9 @@ def sampled_form_factors(sample: RaySample) -> SampledFormFactors:
     areas = np.asarray(sample.surface.areas)
     counted = sample.exchange_areas()
     sums = counted.row_sums
-    K = _scaled(counted.exchange_areas, areas * sums, areas, variance=sums * (1 - sums) / sample.rays)
-    row_sums = np.asarray(K.sum(axis=1)).ravel() / areas
+    K = counted.exchange_areas
+    _scale(K, areas * sums, areas, variance=sums * (1 - sums) / sample.rays)
+    row_sums = product(K, np.ones(len(areas))) / areas
     closure = float(np.abs(row_sums - 1).max()) if sample.surface.closed else 0.0
     return SampledFormFactors(
         areas=areas,
@@ -355,24 +356,22 @@ def sampled_form_factors(sample: RaySample) -> SampledFormFactors:
     )
 
 
-def _scaled(K: csr_array, sums: FloatArray, areas: FloatArray, variance: FloatArray) -> csr_array:
-    """K scaled on both sides until its rows sum to ``sums``, or nearly; none to more than its area.
+def _scale(K: csr_array, sums: FloatArray, areas: FloatArray, variance: FloatArray) -> None:
+    """Scale K on both sides until its rows sum to ``sums``, or nearly; none to more than its area.
 
     ``variance``: (P,) of the row sums of F, if rays were independent.
     """
-    scale = np.ones(len(areas))
-    each, together = SUMS_NOISE**2 * float(areas @ variance), TOTAL_ERROR * float(areas.sum())
+    scale, area = np.ones(len(areas)), float(areas.sum())
+    each, together = max(SUMS_NOISE**2 * float(areas @ variance), SUMS_ERROR**2 * area), TOTAL_ERROR * area
     for _ in range(MOST_SCALINGS):
-        here = np.asarray(scale * (K @ scale))
+        here = scale * product(K, scale)
         error = here - sums
         # What is above a row's area will be cut off, from its own row and from others'.
         lost = abs(float(error.sum())) + 2 * float(np.maximum(here - areas, 0.0).sum())
-        known = float(error**2 @ (1 / areas)) <= each and lost <= together
-        if known or (np.abs(error) <= SUMS_ERROR * areas).all():
+        if float(error**2 @ (1 / areas)) <= each and lost <= together:
             break
         scale *= np.sqrt(np.divide(sums, here, out=np.zeros_like(sums), where=here > 0))
-    here = np.asarray(scale * (K @ scale))
+    here = scale * product(K, scale)
     # Both sides of a row shrink by what it has too much, so that it ends below its area whatever the others do.
     scale *= np.minimum(1.0, np.divide(areas, here, out=np.ones_like(areas), where=here > areas) * (1 - 1e-12))
-    rows = np.repeat(np.arange(len(areas)), np.diff(K.indptr))
-    return csr_array((K.data * (scale[rows] * scale[K.indices]), K.indices, K.indptr), shape=K.shape)
+    scale_both_sides(K, scale)

@@ -11,6 +11,7 @@ void bind_compressed(nanobind::module_ &m);
 void bind_sampling(nanobind::module_ &m);
 void bind_sixteenths(nanobind::module_ &m);
 void bind_exchange(nanobind::module_ &m);
+void bind_sparse(nanobind::module_ &m);
 void bind_solve(nanobind::module_ &m);
 void bind_image(nanobind::module_ &m);
 void bind_frame(nanobind::module_ &m);

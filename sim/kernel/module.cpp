@@ -17,6 +17,7 @@ NB_MODULE(_kernel, m) {
     bind_sampling(m);
     bind_sixteenths(m);
     bind_exchange(m);
+    bind_sparse(m);
     bind_solve(m);
     bind_image(m);
     bind_frame(m);

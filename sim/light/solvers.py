@@ -125,7 +125,8 @@ def gauss_seidel(G: FloatArray, E: FloatArray, tolerance: float = 1e-10, limit: 
 
 
 def _dot(x: FloatArray, y: FloatArray) -> FloatArray:
-    return np.asarray((x * y).sum(axis=0) if x.ndim > 1 else x @ y)
+    # No BLAS: its threads take longer to wake than these sums take.
+    return np.asarray((x * y).sum(axis=0))
 
 
 def _squared(x: FloatArray) -> FloatArray:

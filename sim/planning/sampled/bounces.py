@@ -15,7 +15,7 @@ PROBE_ERROR, PROBE_POWER = 0.01, 1.4
 """Down to this goal light bounces along the first rays of each patch; for a smaller one along more, by the power."""
 MOST_PROBE_RAYS = 512
 MOST_BOUNCES = 40
-STEADY = 0.005
+STEADY = 0.02
 """Change from bounce to bounce of the share of light that one keeps, at which all further ones are known."""
 
 
