@@ -121,7 +121,12 @@ def largest_compressed(memory_mb: float) -> int:
 
 def dense_mb(patches: int) -> float:
     """Return the peak memory of the dense model: the matrix, and what is made beside it."""
-    return DENSE_MATRICES * 8 * patches**2 / MB + min(LIGHT_MB, LIGHT_MB_PER_PATCH * patches) + SMALLEST_MB
+    return DENSE_MATRICES * 8 * patches**2 / MB + light_mb(patches)
+
+
+def light_mb(patches: int) -> float:
+    """Return the memory that every model takes beside its form factors: points in the light, and patches."""
+    return min(LIGHT_MB, LIGHT_MB_PER_PATCH * patches) + SMALLEST_MB
 
 
 def largest_dense(memory_mb: float) -> int:

@@ -45,9 +45,10 @@ PREFER_EXACT = 1.5
 """Exact factors that take at most so many times as long as rays are preferred: they leave no noise."""
 LEAST_SAVED_S = 0.04
 """Rays that save less are not worth their noise either: nobody tells such methods apart. [s]"""
-RAY_MB = 8e-5
-"""Peak memory by ray that an error usually takes: index, counts and matrix from both sides, 2e-5 a ray, of up to three
-times as many where slopes want to be known, too; 4.7e-5 to 7.8e-5 (random corners of 1,500 facets at 0.3 to 1 %)."""
+RAY_MB = 5.3e-5
+"""Peak memory by ray that an error usually takes: what it meets, counts and matrix from both sides, 8e-6 to 2.4e-5 a
+ray, of up to four times as many where slopes want to be known, too; 2.0e-5 to 5.3e-5 (random corners of 600 to 3,000
+facets, rooms and a ball at 0.1 to 1 %)."""
 
 
 def exact_s(patches: int, *, method: str, visibility: str, occluders: int) -> float:
@@ -98,16 +99,17 @@ def planning_s(factors_s: Callable[[int], float], probe: int, needed: int, *, ad
     -------
     float
     """
-    seconds = _round_s(factors_s, probe) + factors_s(needed)
+    seconds = probe_s(factors_s, probe) + factors_s(needed)
     if 2 * needed <= probe:
         # A plan that is coarser than the solution is measured against it.
         return seconds + factors_s(needed)
     if adapted:
         return seconds
-    return seconds + _round_s(factors_s, max(needed // COMPARED, FIRST_PROBE))
+    return seconds + probe_s(factors_s, max(needed // COMPARED, FIRST_PROBE))
 
 
-def _round_s(factors_s: Callable[[int], float], probe: int) -> float:
+def probe_s(factors_s: Callable[[int], float], probe: int) -> float:
+    """Return what a solution on so many patches takes that is planned on, and compared with a coarser one [s]."""
     return ROUND_S + ROUND_PATCH_S * probe + factors_s(probe) + factors_s(probe // COMPARED)
 
 
@@ -128,9 +130,14 @@ def rays_pay(patches: int, error: float, left_s: float, *, linear: bool) -> bool
     -------
     bool
     """
-    planning = LINEAR_PLANNING_RAYS if linear else PLANNING_RAYS
-    seconds = sampled_s(patches, error) + planning * RAY_S * patches
+    seconds = rays_s(patches, error, linear=linear)
     return left_s > max(PREFER_EXACT * seconds, seconds + LEAST_SAVED_S)
+
+
+def rays_s(patches: int, error: float, *, linear: bool) -> float:
+    """Return what finding patches by rays takes, with the solution on them [s]; arguments as for :func:`rays_pay`."""
+    planning = LINEAR_PLANNING_RAYS if linear else PLANNING_RAYS
+    return sampled_s(patches, error) + planning * RAY_S * patches
 
 
 def bounces_needed(spectral_radius: float, tolerance_percent: float) -> int:

@@ -26,6 +26,7 @@ from sim.planning.cost import (
     compressed_cost,
     dense_cost,
     dense_mb,
+    light_mb,
     measured_machine,
     products_needed,
 )
@@ -169,7 +170,8 @@ def _cost(search: Search, model: Model, products: int, channels: int) -> Cost:
     if model.sampling is not None:
         solve_s = channels * (products + OTHER_PRODUCTS) * patches * rays_needed(model.sampling) * RAY_PRODUCT_S
         light_s = search.timing.light_s * patches / search.timing.patches
-        return Cost(sampled_s(patches, model.sampling) + light_s + solve_s, sampled_mb(patches, model.sampling))
+        peak_mb = sampled_mb(patches, model.sampling) + light_mb(patches)
+        return Cost(sampled_s(patches, model.sampling) + light_s + solve_s, peak_mb)
     if model.compression is not None:
         return compressed_cost(patches, products, channels, timing=search.timing)
     return dense_cost(patches, products, channels, timing=search.dense_timing, machine=measured_machine())

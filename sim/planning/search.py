@@ -25,7 +25,9 @@ from sim.planning.methods import (
     exact_s,
     largest_sampled,
     planning_s,
+    probe_s,
     rays_pay,
+    rays_s,
     usual_patches,
 )
 from sim.planning.sampled.patches import patches_by_rays
@@ -46,6 +48,11 @@ PATCHES_SHARE = 0.8
 """Share of the tolerance that patches may take where the form factors come from rays; in squares."""
 LEAST_SAMPLING, MOST_SAMPLING, ROUNDING = 0.5, 0.9, 1e-9
 """Shares of the tolerance between which the rays' own error is chosen, and by which it stays below what is left."""
+LEFT_TO_RAYS = (1 - PATCHES_SHARE**2) ** 0.5
+"""Share of the tolerance that patches leave to rays, whose memory goes by it."""
+PROBE_SHARE = 0.2
+"""A solution that takes at most this share of what rays are expected to is made first: it tells how many patches are
+needed, of which rays know only what is usual. A sphere at 0.1 % needs a tenth of that."""
 
 
 class Search:
@@ -60,7 +67,7 @@ class Search:
         self.most_cells = max(
             largest_dense(memory_limit_mb),
             largest_compressed(memory_limit_mb),
-            largest_sampled(memory_limit_mb, self.sampling),
+            self._most_by_rays,
         )
         self.timing = self.dense_timing = StepTiming(1, 0.0, 0.0)
         self.correction = 1.0
@@ -73,7 +80,8 @@ class Search:
         adapted = self.whole.n_patches >= FIRST_PROBE
         probe_cells = self.begin = self.whole if adapted else uniform_patches(self.whole, FIRST_PROBE)
         usual = min(self._usual_patches, REACH * probe_cells.n_patches)
-        if by_rays or self._rays_pay(self._planning_s(probe_cells.n_patches, usual, adapted), self.begin.n_patches):
+        planning_s = self._planning_s(probe_cells.n_patches, usual, adapted)
+        if by_rays or (self._rays_pay(planning_s, self.begin.n_patches) and not self._probe_is_cheap(usual)):
             return self._go_by_rays()
         while True:
             probe = self._solve(probe_cells)
@@ -99,7 +107,7 @@ class Search:
     def _go_by_rays(self) -> None:
         """Find the patches by rays, and what the rays of the model may leave of the tolerance."""
         self.by_rays = True
-        self.most_cells = largest_sampled(self.memory_limit_mb, self.sampling)
+        self.most_cells = self._most_by_rays
         started = time.perf_counter()
         self.sampled = patches_by_rays(
             self.begin,
@@ -146,15 +154,31 @@ class Search:
 
         By constants, not by what was timed: the same plan whatever else the machine does.
         """
-        begin, linear = self.begin.n_patches, self.begin.n_patches < EVEN_PATCHES * self._usual_patches
-        patches = max(patches, begin)
-        if linear:
-            # The error of linear light falls as the patches' number, that of one number a patch as its root.
-            patches = int(np.ceil(np.sqrt(begin * patches)))
-        tight = GROWTH * patches > largest_sampled(self.memory_limit_mb, self.sampling)
+        patches = self._patches_by_rays(patches)
+        tight = GROWTH * patches > self._most_by_rays
         if (tight or self.one_number) and self.whole.n_patches < FIRST_PROBE:
             return False
-        return rays_pay(patches, self.sampling, left_s, linear=linear)
+        return rays_pay(patches, self.sampling, left_s, linear=self._linear)
+
+    def _probe_is_cheap(self, usual: int) -> bool:
+        """Tell if the first solution takes little beside rays for the patches that are usual."""
+        by_rays_s = rays_s(self._patches_by_rays(usual), self.sampling, linear=self._linear)
+        return probe_s(self._factors_s, self.begin.n_patches) <= PROBE_SHARE * by_rays_s
+
+    @property
+    def _linear(self) -> bool:
+        """Whether light by rays will have to be linear within patches."""
+        return self.begin.n_patches < EVEN_PATCHES * self._usual_patches
+
+    def _patches_by_rays(self, patches: int) -> int:
+        """Where exact factors take so many."""
+        patches = max(patches, self.begin.n_patches)
+        # The error of linear light falls as the patches' number, that of one number a patch as its root.
+        return int(np.ceil(np.sqrt(self.begin.n_patches * patches))) if self._linear else patches
+
+    @property
+    def _most_by_rays(self) -> int:
+        return largest_sampled(self.memory_limit_mb, LEFT_TO_RAYS * self.tolerance)
 
     @property
     def _usual_patches(self) -> int:
