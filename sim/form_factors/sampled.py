@@ -247,7 +247,9 @@ class RaySample:
         )
         # Both index arrays of one kind, or scipy would widen the long one.
         starts = starts.astype(np.int32) if entries <= np.iinfo(np.int32).max else starts
-        K = csr_array((values[:entries], columns[:entries], starts), shape=(n, n))
+        K = csr_array((n, n))
+        # Not by its constructor, which copies what lies in a longer array.
+        K.indptr, K.indices, K.data = starts, columns[:entries], values[:entries]
         return CountedExchange(exchange_areas=K, by_others=by_others, row_sums=hits / self.rays)
 
 
@@ -362,13 +364,13 @@ def _scale(K: csr_array, sums: FloatArray, areas: FloatArray, variance: FloatArr
     ``variance``: (P,) of the row sums of F, if rays were independent.
     """
     scale, area = np.ones(len(areas)), float(areas.sum())
-    each, together = max(SUMS_NOISE**2 * float(areas @ variance), SUMS_ERROR**2 * area), TOTAL_ERROR * area
+    each, together = max(SUMS_NOISE**2 * float((areas * variance).sum()), SUMS_ERROR**2 * area), TOTAL_ERROR * area
     for _ in range(MOST_SCALINGS):
         here = scale * product(K, scale)
         error = here - sums
         # What is above a row's area will be cut off, from its own row and from others'.
         lost = abs(float(error.sum())) + 2 * float(np.maximum(here - areas, 0.0).sum())
-        if float(error**2 @ (1 / areas)) <= each and lost <= together:
+        if float((error**2 / areas).sum()) <= each and lost <= together:
             break
         scale *= np.sqrt(np.divide(sums, here, out=np.zeros_like(sums), where=here > 0))
     here = scale * product(K, scale)

@@ -155,6 +155,20 @@ def test_rays_that_do_not_fit_in_memory_are_not_planned():
     assert planned("paper-room", 1.2, memory_limit_mb=2.0).model.method == "closed_form"
 
 
+def test_rays_at_a_tight_tolerance_are_planned_in_the_memory_that_they_take():
+    # Exact factors need some 3,300 patches of the room for this, 90 MB; by rays light is linear within 1,700.
+    made = planned("paper-room", 0.3, memory_limit_mb=500.0)
+    assert made.model.method == "rays"
+    assert made.peak_mb < 150
+
+
+def test_a_first_solution_is_made_where_it_is_cheap_beside_rays_and_tells_that_few_patches_will_do():
+    # Light in a sphere is nearly even: its 320 facets do for what takes rooms some 30,000 patches.
+    made = planned("sphere", 0.1)
+    assert (made.model.method, made.patches) == ("polygon", 320)
+    assert checked(made) <= 0.1
+
+
 def test_many_patches_with_occluders_are_compressed_and_the_plan_stays_honest(monkeypatch):
     monkeypatch.setattr("sim.planning.methods.RAY_S", 1.0)
     monkeypatch.setattr("sim.planning.cost.FEWEST_COMPRESSED", 150)
