@@ -167,16 +167,23 @@ class RayTree:
 def sixteenths(
     vertices: NDArray[float64], corners: NDArray[float64], centres: NDArray[float64], areas: NDArray[float64]
 ) -> None: ...
-def exchange_areas(
-    rows: list[NDArray[int64]],
-    met: list[NDArray[int32]],
-    density: NDArray[float64],
-    starts: NDArray[int64],
-    columns: NDArray[int32],
-    values: NDArray[float64],
-    by_others: NDArray[float64],
-    hits: NDArray[float64],
-) -> int: ...
+
+class RayCounts:
+    """What patches' rays have met, counted from both sides: sim/kernel/sampling/exchange.hpp."""
+
+    def __init__(self, rows: list[NDArray[int64]], met: list[NDArray[int32]], patches: int) -> None: ...
+    @property
+    def entries(self) -> int: ...
+    def weigh(
+        self,
+        density: NDArray[float64],
+        starts: NDArray[int64],
+        columns: NDArray[int32],
+        values: NDArray[float64],
+        by_others: NDArray[float64],
+        hits: NDArray[float64],
+    ) -> None: ...
+
 def ray_means(met: NDArray[int32], values: NDArray[float64], means: NDArray[float64]) -> None: ...
 def sparse_product(
     starts: NDArray[int32],

@@ -231,25 +231,15 @@ class RaySample:
 
     def exchange_areas(self) -> CountedExchange:
         """Return what the rays of both patches of each pair tell of their exchange area."""
-        n, most = self.surface.n_patches, 2 * int(self.rays.sum())
-        # Pages that are never written to take no memory.
-        starts, columns, values = np.empty(n + 1, dtype=np.int64), np.empty(most, dtype=np.int32), np.empty(most)
+        n, batches = self.surface.n_patches, self._batches
+        counts = _kernel.RayCounts([batch.rows for batch in batches], [batch.met for batch in batches], patches=n)
+        starts, columns, values = np.empty(n + 1, np.int64), np.empty(counts.entries, np.int32), np.empty(counts.entries)
         by_others, hits = np.empty(n), np.empty(n)
-        entries = _kernel.exchange_areas(
-            [batch.rows for batch in self._batches],
-            [batch.met for batch in self._batches],
-            self.rays / np.asarray(self.surface.areas),
-            starts=starts,
-            columns=columns,
-            values=values,
-            by_others=by_others,
-            hits=hits,
-        )
+        density = self.rays / np.asarray(self.surface.areas)
+        counts.weigh(density, starts=starts, columns=columns, values=values, by_others=by_others, hits=hits)
         # Both index arrays of one kind, or scipy would widen the long one.
-        starts = starts.astype(np.int32) if entries <= np.iinfo(np.int32).max else starts
-        K = csr_array((n, n))
-        # Not by its constructor, which copies what lies in a longer array.
-        K.indptr, K.indices, K.data = starts, columns[:entries], values[:entries]
+        starts = starts.astype(np.int32) if counts.entries <= np.iinfo(np.int32).max else starts
+        K = csr_array((values, columns, starts), shape=(n, n))
         return CountedExchange(exchange_areas=K, by_others=by_others, row_sums=hits / self.rays)
 
 

@@ -1,5 +1,6 @@
 // Exchange areas that rays have counted: K_ij = (c_ij + c_ji) / (nu_i + nu_j), c rays of i that meet j, nu rays a square
-// metre. A transposition of all counts at once tells each row what others' rays say of it.
+// metre. A transposition of all counts at once tells each row what others' rays say of it. Rows are shared among threads;
+// the result does not depend on their number.
 #pragma once
 #include <cstdint>
 #include <memory>
@@ -17,19 +18,13 @@ struct Batch {
     std::int64_t rays;
 };
 
-// Rows of a sparse matrix of whole numbers; none (no starts) where the making of it was interrupted.
+// Rows of a sparse matrix of whole numbers, each with room for more: `sizes` of it are entries.
 struct Counts {
-    std::vector<std::int64_t> starts;
+    std::vector<std::int64_t> starts, sizes;
     std::unique_ptr<std::int32_t[]> columns, counts;
 };
 
-// Counts of n patches, each row in the order in which its rays first meet others.
-Counts counted(const std::vector<Batch> &batches, std::int64_t n, Interruption &interruption);
-
-// Rows of the transposed matrix, ascending.
-Counts transposed(const Counts &of, Interruption &interruption);
-
-// Where K is written to: at most twice as many entries as there are rays that meet something.
+// Where K is written to.
 struct ExchangeAreas {
     std::int64_t *starts;  // n + 1
     std::int32_t *columns;
@@ -38,8 +33,21 @@ struct ExchangeAreas {
     double *met;        // n: rays of each patch that meet something
 };
 
-// Returns the number of entries; none where it was interrupted.
-std::int64_t weighed(const std::vector<Batch> &batches, const double *density, std::int64_t n, const ExchangeAreas &out,
-                     Interruption &interruption);
+class RayCounts {
+  public:
+    // Empty where it was interrupted.
+    RayCounts(const std::vector<Batch> &batches, std::int64_t n, Interruption &interruption);
+
+    // Entries of K.
+    std::int64_t entries() const { return starts_.back(); }
+    std::int64_t rows() const { return static_cast<std::int64_t>(starts_.size()) - 1; }
+
+    // `density`: nu. Each row has others' counts, ascending, before those that only its own rays tell.
+    void weigh(const double *density, const ExchangeAreas &out, Interruption &interruption) const;
+
+  private:
+    Counts own_, others_;
+    std::vector<std::int64_t> starts_;  // of K, n + 1
+};
 
 }  // namespace kernel::sampling
