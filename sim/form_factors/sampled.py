@@ -233,8 +233,8 @@ class RaySample:
         """Return what the rays of both patches of each pair tell of their exchange area."""
         n, batches = self.surface.n_patches, self._batches
         counts = _kernel.RayCounts([batch.rows for batch in batches], [batch.met for batch in batches], patches=n)
-        starts, columns, values = np.empty(n + 1, np.int64), np.empty(counts.entries, np.int32), np.empty(counts.entries)
-        by_others, hits = np.empty(n), np.empty(n)
+        starts, columns = np.empty(n + 1, np.int64), np.empty(counts.entries, np.int32)
+        values, by_others, hits = np.empty(counts.entries), np.empty(n), np.empty(n)
         density = self.rays / np.asarray(self.surface.areas)
         counts.weigh(density, starts=starts, columns=columns, values=values, by_others=by_others, hits=hits)
         # Both index arrays of one kind, or scipy would widen the long one.
