@@ -70,6 +70,9 @@ WORDS: Mapping[str, str] = {
     ),
     "geometry: directions in which a wall's place is guessed": "Along these nobody saw or measured where walls are.",
     "stripes of the code, wider than usual": "The lenses blur the code's own stripes away: places are rougher.",
+    "superposition: white against pictures and their inverses together": (
+        "Light adds up, whatever a room does with it: where it does not, a device changes bright pictures or dark ones."
+    ),
     "valid share of the lit pixels": "Lit camera pixels for which the projector pixel is known.",
     "model: global light left unexplained, rms": "Light between the walls that no reflectance explains, relative.",
     "model: photographs of [transport], each by the others, rms": (

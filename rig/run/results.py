@@ -108,6 +108,7 @@ def _geometry(session: Session, *, is_separated: bool) -> GeometryResult:
         askew_sigmas=record.askew_sigmas,
         valid_share=_valid_share(session) if is_separated else None,
         stripes_times=figures.stripes_times,
+        superposition_percent=figures.superposition_percent,
     )
 
 

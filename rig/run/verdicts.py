@@ -14,6 +14,7 @@ from rig.stages.light.odd_checks import first_names
 from rig.stages.light.records import SeparationRecord
 from rig.stages.results import GeometryResult, ModelComparison, ModelResult
 from rig.stages.stripes.showing import focus_verdicts, out_of_focus
+from rig.stages.stripes.superposition import superposition_verdicts
 
 _SURER = (
     "show three surfaces, move the camera away from the projector, give both devices a lens file (rig lenses), or a "
@@ -98,6 +99,7 @@ def geometry_verdicts(geometry: GeometryResult, limits: Limits) -> tuple[Verdict
         *_right_angles(geometry),
         *_rests_on_right_angles(geometry),
         *focus_verdicts(geometry.stripes_times),
+        *superposition_verdicts(geometry.superposition_percent),
     )
 
 

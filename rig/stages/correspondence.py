@@ -30,6 +30,7 @@ from rig.stages.light.places import finer_places
 from rig.stages.photograph import ExposureBracket, OneCount, frame_name, photograph
 from rig.stages.radiometry import load_radiometric_calibration
 from rig.stages.stripes.showing import CodePhotographs, as_light, photograph_code, photograph_in_parts, read_in_parts
+from rig.stages.stripes.superposition import superposition_percent
 from rig.stages.stripes.width import shown_code
 from rig.terminal import OnStep
 
@@ -79,6 +80,9 @@ class PairCorrespondence(Record):
     """Before patterns were shown again with fewer lights; None where they were not."""
     stripes_times: int = 1
     """How many times as wide as the code's own stripes were, because the lenses blur these away."""
+    superposition_percent: float | None = None
+    """Of white: by how much more light patterns have with their inverses than white has; None where nobody could tell.
+    """
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -202,6 +206,7 @@ def decode_gray_code(session: Session, step: Step, on_step: OnStep) -> None:
         averaged_px2=finer.averaged_px2,
         valid_share_at_first=None if correspondence is first else float(first.valid.mean()),
         stripes_times=shown.times,
+        superposition_percent=superposition_percent(by, shown),
     )
     step.save_record("correspondence", CorrespondenceRecord(pairs=(pair,)))
     on_step("decode", 2, 2)

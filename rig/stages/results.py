@@ -51,6 +51,8 @@ class GeometryResult(Record):
     """Of the pixels that the projector lights: have a projector pixel. None before the light is separated."""
     stripes_times: int = 1
     """How many times as wide as the code's own its stripes had to be, because the lenses blur these away."""
+    superposition_percent: float | None = None
+    """Of white: by how much more light pictures of the code have with their inverses; None where nobody could tell."""
 
 
 @dataclass(frozen=True, kw_only=True)

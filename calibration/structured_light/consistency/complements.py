@@ -7,7 +7,7 @@ room was another, or somebody stood in the picture.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -84,6 +84,52 @@ def refuse_stale_frames(
             f"pixels (limit {100 * _MOST_UNLIKE:g} %): {_cause(change[worst], seen, is_flat=one == 'white')}; "
             "keep lights, walls and devices as they are, and begin a new session"
         )
+
+
+def superposition_error(
+    pairs: Sequence[tuple[Frame, Frame]],
+    white: Frame,
+    black: Frame,
+    *,
+    noise_limit: float | NDArray[np.floating],
+    saturation: float,
+    swell: float = 0.0,
+) -> float | None:
+    """Return by how much light patterns have more with their inverses than white has, in all pairs alike.
+
+    Light adds up, whatever a scene does with it: a pattern and its inverse make white. They do not where a projector
+    dims bright pictures, or a camera brightens what lies in dark ones. What single pairs differ by, as where a lamp
+    warms up from picture to picture, does not count, nor does what room light may add that swells.
+
+    Parameters
+    ----------
+    pairs : sequence of two (H, W)
+        Patterns and their inverses, linear in light, whole or every n-th pixel. [dn]
+    white, black : (H, W)
+        In the same pixels. [dn]
+    noise_limit : float or (H, W)
+        Two standard deviations of the difference of two frames. [dn]
+    saturation : float
+        Values from here on are clipped, and not judged. [dn]
+    swell : float
+        By what share of its light a mains light in the room makes single frames of black brighter and darker. [1]
+
+    Returns
+    -------
+    float or None
+        The least that any pair has more, or less, over the contrast of white; 0 where some have more and others less.
+        None where too few pixels are lit, or there is no pair. [1]
+    """
+    contrast = white - black
+    judged = (contrast > _LIT * np.asarray(noise_limit)) & (white < saturation)
+    if not pairs or judged.sum() < _LEAST_LIT:
+        return None
+    judged &= contrast > _STRONG * np.quantile(contrast[judged], 0.95)
+    lit, dark = contrast[judged], black[judged]
+    shares = [float(np.median((one + other - white - black)[judged] / lit)) for one, other in pairs]
+    common = max(min(shares), 0.0) + min(max(shares), 0.0)
+    may_swell = 4 * swell * float(np.median(dark / lit))
+    return float(np.sign(common) * max(abs(common) - may_swell, 0.0))
 
 
 def _without_swell(change: NDArray[np.floating], black: NDArray[np.floating], swell: float) -> NDArray[np.floating]:

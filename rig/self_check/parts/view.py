@@ -41,6 +41,7 @@ from rig.stages.stripes.showing import (
     photograph_in_parts,
     read_in_parts,
 )
+from rig.stages.stripes.superposition import superposition_percent, superposition_verdicts
 from rig.stages.stripes.width import as_named
 from rig.terminal import silent
 
@@ -74,6 +75,9 @@ class View(Record):
     camera sees too little of them."""
     stripes_times: int = 1
     """How many times as wide as the code's own stripes were, because the lenses blur these away."""
+    superposition_percent: float | None = None
+    """Of white: by how much more light patterns have with their inverses than white has; None where nobody could tell.
+    """
     walls: tuple[str, ...]
     """That were told apart; empty where geometry says why not."""
     parallax_deg: float | None = None
@@ -107,6 +111,7 @@ def check_view(tested: RigUnderTest, curve: CameraCurve, sweep: Sweep) -> PartRe
         sharpness=sharpness,
         overshoot_percent=overshoot,
         stripes_times=decoded.stripes_times,
+        superposition_percent=decoded.superposition_percent,
         walls=geometry.surface.seen if geometry else (),
         parallax_deg=_parallax_deg(geometry, correspondence) if geometry else None,
         angle_error_deg=geometry.surface.angle_error_deg if geometry else None,
@@ -156,6 +161,7 @@ def _verdicts(tested: RigUnderTest, view: View) -> tuple[Verdict, ...]:
             "sharpness (detail, edge enhancement, picture style) to the least, or take raw frames",
         ),
         *focus_verdicts(view.stripes_times),
+        *superposition_verdicts(view.superposition_percent),
         Verdict(
             what="walls that are told apart",
             value=float(len(view.walls)),
@@ -223,6 +229,7 @@ def _radiometric(tested: RigUnderTest, curve: CameraCurve, sweep: Sweep) -> Radi
 class _Decoded:
     correspondence: Correspondence
     stripes_times: int
+    superposition_percent: float | None
 
 
 def _decoded(tested: RigUnderTest, radiometric: RadiometricCalibration, curve: CameraCurve) -> _Decoded:
@@ -237,10 +244,12 @@ def _decoded(tested: RigUnderTest, radiometric: RadiometricCalibration, curve: C
     by = CodePhotographs(profile=profile, radiometric=radiometric, take=take, frame=frames.__getitem__)
     shown = photograph_code(by, silent)
     if shown is None:
-        return _Decoded(refine_subpixel(by.read(as_named(profile))), 1)
+        named = as_named(profile)
+        return _Decoded(refine_subpixel(by.read(named)), 1, superposition_percent(by, named))
     in_parts = photograph_in_parts(by, shown)
     first = by.read(shown)
-    return _Decoded(refine_subpixel(read_in_parts(by, first, shown) if in_parts else first), shown.times)
+    found = refine_subpixel(read_in_parts(by, first, shown) if in_parts else first)
+    return _Decoded(found, shown.times, superposition_percent(by, shown))
 
 
 def _projector_curve(tested: RigUnderTest, curve: CameraCurve) -> Response:

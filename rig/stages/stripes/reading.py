@@ -51,12 +51,12 @@ def read_code(
     if not has_inverses(names):
         return linear.decode(code, {name: linear.read(frame(name)) for name in names}, projector_shape)
     plain = in_dn(flats, radiometric)
-    some = (slice(None, None, max(1, flats[0].shape[0] // _ROWS_HELD)),) * 2
+    some = some_pixels(flats[0].shape)
     frames, thinned = dict[str, Frame](), {"white": linear.white[some], "black": linear.black[some]}
     for name in names:
         pixels = frame(name)
         frames[name], thinned[name] = plain.read(pixels), linear.read(pixels[some])
-    refuse_stale_frames(thinned, linear.noise_limit[some], linear.saturation, swell=_swell(radiometric))
+    refuse_stale_frames(thinned, linear.noise_limit[some], linear.saturation, swell=swell_of(radiometric))
     return plain.decode(code, frames, projector_shape)
 
 
@@ -99,7 +99,7 @@ class FrameReading:
             saturation = float(table[radiometric.saturation_dn])
             darkness = table[black].sum(axis=2)
         # a picture at a mains light's brightest, its inverse at the darkest
-        limit += 2 * _swell(radiometric) * darkness
+        limit += 2 * swell_of(radiometric) * darkness
         return cls(
             read=read,
             white=read(white),
@@ -128,8 +128,13 @@ def has_inverses(names: Sequence[str]) -> bool:
     return all(name.endswith(INVERSE) or f"{name}{INVERSE}" in known for name in names)
 
 
-def _swell(radiometric: RadiometricCalibration) -> float:
-    """By what share a mains light makes single frames of black brighter and darker, at the exposure that shows most."""
+def some_pixels(shape: tuple[int, ...]) -> tuple[slice, slice]:
+    """Return every n-th row and column of a picture: enough to hold pictures of a code against each other."""
+    return (slice(None, None, max(1, shape[0] // _ROWS_HELD)),) * 2
+
+
+def swell_of(radiometric: RadiometricCalibration) -> float:
+    """Return by what share a mains light makes single frames of black brighter and darker, where it shows most."""
     return max(radiometric.black_swell.values(), default=0.0)
 
 

@@ -59,6 +59,25 @@ def test_what_is_off_by_more_than_a_percent_once_in_a_hundred_is_outside_the_lim
     assert not places(tiny_profile, camera_y_m=1.02 * 0.01 * 4.8 / 2.58).met
 
 
+@pytest.mark.parametrize(
+    ("percent", "met", "cause"),
+    [(1.6, False, "dims bright pictures"), (-1.6, False, "brightens bright pictures"), (0.9, True, "")],
+)
+def test_light_that_does_not_add_up_is_outside_the_limits_and_says_which_way(
+    tiny_profile: Profile, percent: float, met: bool, cause: str
+) -> None:
+    rows = geometry_verdicts(replace(GEOMETRY, superposition_percent=percent), tiny_profile.limits)
+    (row,) = (row for row in rows if row.what.startswith("superposition"))
+    assert row.met is met
+    assert row.value == abs(percent)
+    assert cause in row.advice
+
+
+def test_a_code_that_cannot_tell_whether_light_adds_up_is_not_judged_by_it(tiny_profile: Profile) -> None:
+    rows = geometry_verdicts(GEOMETRY, tiny_profile.limits)
+    assert not [row for row in rows if row.what.startswith("superposition")]
+
+
 def test_a_picture_out_of_focus_is_told_so_and_not_that_walls_are_bent(tiny_profile: Profile) -> None:
     blurred = replace(GEOMETRY, rms_px=0.6, stripes_times=3)
     rows = {row.what: row for row in geometry_verdicts(blurred, tiny_profile.limits)}

@@ -163,6 +163,25 @@ def test_a_projector_out_of_focus_is_seen_before_a_session() -> None:
     assert "focus the projector" in checked.row("stripes of the code, wider than usual").advice
 
 
+WHITE_OF_HALVES = "superposition: white against pictures and their inverses together"
+
+
+def test_a_projector_that_dims_bright_pictures_is_named_before_a_session() -> None:
+    def dimmed(codes: Codes) -> Codes:
+        """White by about 5 % of its light, others by as much less as they are darker."""
+        light = (codes / 255) ** 2.2
+        return np.asarray(np.rint(255 * (light * (1 - 0.05 * light.mean())) ** (1 / 2.2)), dtype=np.uint8)
+
+    row = Checked(only=["view"], codes=dimmed).row(WHITE_OF_HALVES)
+    assert not row.met
+    assert 1.5 < row.value < 3  # 0.975 of each of two halves, 0.95 of the whole, and no gamma is quite 2.2
+    assert "dims bright pictures" in row.advice
+
+
+def test_light_that_adds_up_is_said_to() -> None:
+    assert Checked(only=["view"]).row(WHITE_OF_HALVES).value < 0.5
+
+
 def test_a_camera_that_sharpens_its_pictures_is_named_before_a_session_is_biased_by_it() -> None:
     def sharpened(frame: RawFrame) -> RawFrame:
         picture = frame.pixels.astype(np.float32)

@@ -1,23 +1,27 @@
 """Step `gray` and `correspondence`: patterns as light, photographs as light, reasons in the report."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from calibration import CODES, CalibrationError, Pattern, PixelReason
 from calibration.radiometry.response import Response, linear_from_codes
 from rig.report.pictures import REASONS
 from rig.session import Session
 from rig.stages import correspondence
-from rig.stages.correspondence import _as_light
+from rig.stages.correspondence import _as_light, load_correspondence_figures
 from rig.stages.light.black import black_light
 from rig.stages.photograph import ExposureBracket, frame_name
 from rig.stages.radiometry import load_radiometric_calibration
 from rig.stages.stripes.reading import has_inverses, in_dn, in_light, read_code
-from rig.stages.stripes.showing import blaming_focus
+from rig.stages.stripes.showing import CodePhotographs, blaming_focus
+from rig.stages.stripes.superposition import superposition_percent
+from rig.stages.stripes.width import shown_code
 
 if TYPE_CHECKING:
     from tests.rig.conftest import Finished
@@ -136,3 +140,29 @@ def test_the_amplitude_of_a_mains_light_is_told_by_single_frames_a_third_of_its_
     still = black_light(black_frames([1000.0, 1010.0] * 2), ExposureBracket((0.01,), 4), radiometric)  # type: ignore[arg-type]
     assert still.swell == {0.01: 0.0}
     assert still.ripple[0.01] == pytest.approx(0.0057, rel=0.02)
+
+
+def test_light_adds_up_in_a_finished_session_and_one_pair_with_too_much_of_it_is_not_all(finished: "Finished") -> None:
+    session = Session.read(finished.folder)
+    gray = session.finished("gray")
+    told = load_correspondence_figures(session).superposition_percent
+    assert told is not None
+    assert abs(told) < 0.5
+    shown, radiometric = shown_code(session, gray), load_radiometric_calibration(session)
+
+    def seen(change: Callable[[str], float]) -> float | None:
+        """Of photographs that a device makes brighter."""
+
+        def frame(name: str) -> NDArray[np.uint16]:
+            pixels = gray.load_frame(frame_name(name)).pixels
+            dark = np.median(gray.load_frame(frame_name("black")).pixels)
+            return np.asarray(dark + change(name) * (pixels - dark), dtype=np.uint16)
+
+        profile = session.profile
+        by = CodePhotographs(profile=profile, radiometric=radiometric, take=list, frame=frame)
+        return superposition_percent(by, shown)
+
+    dimmed = seen(lambda name: 0.95 if name == "white" else 1.0)
+    assert dimmed == pytest.approx(100 * (1 / 0.95 - 1), rel=0.15)
+    first = shown.code.pattern_names(session.profile.projector.shape)[0]
+    assert abs(seen(lambda name: 1.05 if name == first else 1.0) or 0) < 0.5
