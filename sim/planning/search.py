@@ -161,9 +161,14 @@ class Search:
         return rays_pay(patches, self.sampling, left_s, linear=self._linear)
 
     def _probe_is_cheap(self, usual: int) -> bool:
-        """Tell if the first solution takes little beside rays for the patches that are usual."""
-        by_rays_s = rays_s(self._patches_by_rays(usual), self.sampling, linear=self._linear)
-        return probe_s(self._factors_s, self.begin.n_patches) <= PROBE_SHARE * by_rays_s
+        """Tell if the first solution takes little beside rays for the patches that are usual, and these fit.
+
+        Where they do not, rays are refused at once, and no solution is waited for.
+        """
+        patches = self._patches_by_rays(usual)
+        by_rays_s = rays_s(patches, self.sampling, linear=self._linear)
+        cheap = probe_s(self._factors_s, self.begin.n_patches) <= PROBE_SHARE * by_rays_s
+        return cheap and patches <= self._most_by_rays
 
     @property
     def _linear(self) -> bool:
