@@ -52,7 +52,7 @@ LEFT_TO_RAYS = (1 - PATCHES_SHARE**2) ** 0.5
 """Share of the tolerance that patches leave to rays, whose memory goes by it."""
 PROBE_SHARE = 0.2
 """A solution that takes at most this share of what rays are expected to is made first: it tells how many patches are
-needed, of which rays know only what is usual. A sphere at 0.1 % needs a tenth of that."""
+needed, of which rays know only what is usual. A sphere at 0.1 % needs a hundredth of that."""
 
 
 class Search:

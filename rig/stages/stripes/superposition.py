@@ -11,10 +11,9 @@ from rig.stages.stripes.showing import CodePhotographs
 from rig.stages.stripes.width import ShownCode
 
 _PAIRS = 6
-"""From wide stripes to narrow ones: what white has less than them all is the same in all, to a tenth of itself."""
+"""So many, from wide stripes to narrow ones, tell as much as all do: what a dimmed white lacks, it lacks of each."""
 _MOST_PERCENT = 1.0
-"""84 random rigs have 0.4 % at most; a camera with local tone mapping 1.6 %, a projector that dims white by 15 % has 9.
-"""
+"""84 random rigs have 0.35 % at most; a camera that maps tones locally has 1.6, a projector that dims white by 15 % 9."""
 
 
 def superposition_percent(by: CodePhotographs, shown: ShownCode) -> float | None:
