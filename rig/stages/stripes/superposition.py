@@ -13,7 +13,7 @@ from rig.stages.stripes.width import ShownCode
 _PAIRS = 6
 """So many, from wide stripes to narrow ones, tell as much as all do: what a dimmed white lacks, it lacks of each."""
 _MOST_PERCENT = 1.0
-"""84 random rigs have 0.35 % at most; a camera that maps tones locally has 1.6, a projector that dims white by 15 % 9."""
+"""84 random rigs have 0.35 % at most; a camera that maps tones locally 1.6, a projector that dims white by 15 % 9."""
 
 
 def superposition_percent(by: CodePhotographs, shown: ShownCode) -> float | None:

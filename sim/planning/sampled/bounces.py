@@ -16,8 +16,8 @@ PROBE_ERROR, PROBE_POWER = 0.01, 1.4
 MOST_PROBE_RAYS = 512
 MOST_BOUNCES = 40
 STEADY = 0.02
-"""Change from bounce to bounce of the share of light that one keeps, at which all further ones are known. In a furnished
-room light that senders miss takes up to 34 bounces at 0.005, and up to 21 at 0.02; its RMS is the same to 0.1 %."""
+"""Change from bounce to bounce of the share of light that one keeps, at which all further ones are known. In a
+furnished room light that senders miss takes up to 34 bounces at 0.005, 21 at 0.02; its RMS is the same to 0.1 %."""
 
 
 class Bounces:
