@@ -77,11 +77,9 @@ def _small(once: _Once, work: Callable[..., Array], frame: Array, scale: int) ->
     return np.asarray(once(("small", id(frame), scale), frame, lambda: work(frame, scale)))
 
 
-def _shift(
-    once: _Once, work: Callable[..., tuple[float, float]], a: Array, b: Array, window: Array
-) -> tuple[float, float]:
-    step, peak = once(("shift", content(a), content(b)), None, lambda: work(a, b, window))
-    return float(step), float(peak)
+def _shift(once: _Once, work: Callable[..., still.Step], a: Array, b: Array, window: Array) -> still.Step:
+    found: still.Step = once(("shift", content(a), content(b)), None, lambda: work(a, b, window))
+    return found
 
 
 def _gains(once: _Once, work: Callable[..., Array], a: Array, b: Array, total: Array, contrast: float) -> Array:
