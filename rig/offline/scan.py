@@ -16,12 +16,12 @@ from calibration.geometry.known.pair import HeldPair, hold_pair
 from calibration.geometry.pinhole import PinholeModel
 from calibration.geometry.triangulation import parallax_px, stands_alone
 from calibration.structured_light.correspondence import Correspondence, PixelReason
-from calibration.structured_light.orientation import without_mirrored
 from rig.devices.replay.photographs import Manifest, Photograph, load_manifest, load_photographs, read_photograph
 from rig.errors import CalibrationFailed, ProfileError
 from rig.files.atomic import check_output
 from rig.files.ply import write_ply
-from rig.offline.photograph_order import axes_of, decode, in_order, with_files
+from rig.offline.finest_stripes import read_resolved
+from rig.offline.photograph_order import axes_of, in_order, with_files
 from rig.offline.photograph_warnings import (
     exposure_causes,
     lens_warnings,
@@ -170,7 +170,8 @@ def scan_photographs(
     """
     try:
         ordered = in_order(manifest, frames, devices, limit_dn=limit_dn, epipolar_limit_px=epipolar_limit_px)
-        correspondence = without_mirrored(decode(manifest, ordered.frames, limit_dn))
+        read = read_resolved(manifest, ordered.frames, limit_dn)
+        manifest, correspondence = read.manifest, read.correspondence
         both = len(axes_of(frames)) == 2
         held = _held(manifest, correspondence) if both else None
         devices = devices if held is None else held.devices
@@ -192,7 +193,7 @@ def scan_photographs(
         valid_share=float(correspondence.valid.mean()),
         epipolar_median_px=epipolar_median_px,
         left_out=int((~kept).sum()),
-        mended=ordered.mended,
+        mended=(*ordered.mended, *read.mended),
         warnings=(
             *ordered.warnings,
             *warnings_of(manifest, ordered, correspondence),

@@ -42,7 +42,7 @@ class FoundPoints:
 
 
 @dataclass(frozen=True, eq=False)
-class _Cells:
+class Cells:
     """Cells of the finest stripes that were shown, as projector pixels."""
 
     size_px: int
@@ -74,7 +74,7 @@ def pairs_by_projector_pixel(
     tuple
         Pairs whose projector pixels are cells, (N, 2) the projector's own pixels, and (rows, columns) of cells.
     """
-    counted, cells = _in_cells(manifest, correspondence)
+    counted, cells = in_cells(manifest, correspondence)
     pairs = average_by_projector_pixel(counted)
     return pairs, cells.projector_px(pairs.projector_xy_px), counted.projector_shape
 
@@ -130,7 +130,7 @@ def points_by_camera_pixel(
     CalibrationError
         Fewer than half of the codes give a point.
     """
-    counted, cells = _in_cells(manifest, correspondence)
+    counted, cells = in_cells(manifest, correspondence)
     refined = refine_subpixel(counted)
     taken, sigma_px = _trusted(counted, refined, cells.size_px)
     row, column = np.nonzero(taken)
@@ -147,14 +147,14 @@ def points_by_camera_pixel(
     )
 
 
-def _in_cells(manifest: Manifest, correspondence: Correspondence) -> tuple[Correspondence, _Cells]:
-    """Codes counted in cells of the finest stripes that were shown, whole where the code is."""
+def in_cells(manifest: Manifest, correspondence: Correspondence) -> tuple[Correspondence, Cells]:
+    """Return codes counted in cells of the finest stripes that were shown, whole where the code is, and the cells."""
     size = 2**manifest.finest_bit
     first = np.array(manifest.first_code, dtype=np.float32)
     height, width = (
         -(-(length + int(offset)) // size) for length, offset in zip(manifest.projector_shape, first[::-1], strict=True)
     )
-    cells = _Cells(size, np.float32((size - 1) / 2) - first)
+    cells = Cells(size, np.float32((size - 1) / 2) - first)
     return Correspondence(cells.of(correspondence.projector_xy_px), correspondence.reason, (height, width)), cells
 
 
