@@ -77,10 +77,8 @@ def _small(once: _Once, work: Callable[..., Array], frame: Array, scale: int) ->
     return np.asarray(once(("small", id(frame), scale), frame, lambda: work(frame, scale)))
 
 
-def _shift(
-    once: _Once, work: Callable[..., still.Displacement], a: Array, b: Array, window: Array
-) -> still.Displacement:
-    found: still.Displacement = once(("shift", content(a), content(b)), None, lambda: work(a, b, window))
+def _shift(once: _Once, work: Callable[..., still.LaidOver], a: Array, b: Array, window: Array) -> still.LaidOver:
+    found: still.LaidOver = once(("shift", content(a), content(b)), None, lambda: work(a, b, window))
     return found
 
 

@@ -101,7 +101,7 @@ def _small(frame: Frame, scale: int) -> Float32Array:
     return np.asarray(cv2.resize(frame.astype(np.float32), size, interpolation=cv2.INTER_AREA))
 
 
-class Displacement(NamedTuple):
+class LaidOver(NamedTuple):
     """A shift that lays one picture over another."""
 
     right_down: FloatArray
@@ -117,7 +117,7 @@ class Displacement(NamedTuple):
         return float(np.linalg.norm(self.right_down)) if found else 0.0
 
 
-def _is_lasting(sums: Sequence[Float32Array], k: int, step: Displacement, window: Float32Array) -> bool:
+def _is_lasting(sums: Sequence[Float32Array], k: int, step: LaidOver, window: Float32Array) -> bool:
     """Whether the pair after, or the one before, has also moved, as far as there is one.
 
     Whatever jumps stays where it is, or was there before. Stripes whose sum a tone curve changes look moved in a pair.
@@ -129,14 +129,14 @@ def _is_lasting(sums: Sequence[Float32Array], k: int, step: Displacement, window
     )
 
 
-def _shift(a: Float32Array, b: Float32Array, window: Float32Array) -> Displacement:
+def _shift(a: Float32Array, b: Float32Array, window: Float32Array) -> LaidOver:
     """The shift that lays b over a."""
     (right, down), peak = cv2.phaseCorrelate(a.copy(), b.copy(), window)  # it may multiply the window into its inputs
     back = np.array([[1, 0, -right], [0, 1, -down]], dtype=np.float64)
     laid = cv2.warpAffine(b, back, b.shape[::-1], flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     # Of a bare wall the correlation sees noise: a shift that does not lay the pictures over each other is none.
     before, after = (float(((one - a) ** 2 * window).sum()) for one in (b, laid))
-    return Displacement(np.array([right, down]), after / max(before, 1e-12), float(peak))
+    return LaidOver(np.array([right, down]), after / max(before, 1e-12), float(peak))
 
 
 def _within_pair(
