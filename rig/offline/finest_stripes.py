@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from calibration.geometry.triangulation import is_whole
 from calibration.structured_light.correspondence import Correspondence
 from calibration.structured_light.orientation import without_mirrored
 from rig.devices.replay.photographs import Manifest, Photograph
@@ -16,8 +17,6 @@ from rig.offline.scan_points import in_cells
 _MOST_BETWEEN = 0.65
 """Share of the codes between two cells from which on the finest stripes are not resolved. A published scan, of which
 98.9 % are right, has 0.54, ten drawn sets have up to 0.25; two that are not resolved 0.72 and 0.99."""
-_BETWEEN = 0.25
-"""Of a cell: a code further than this from every cell's middle lies on the border of two."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -76,9 +75,5 @@ def _of_bit(frames: Mapping[str, Photograph], bit: int) -> list[str]:
 def _between_cells(manifest: Manifest, found: Correspondence) -> float:
     """Share of the codes that lie between two cells, of the axis that has more."""
     codes = in_cells(manifest, found)[0].projector_xy_px[found.valid]
-    shares = [
-        float((np.abs(axis - np.rint(axis)) > _BETWEEN).mean())
-        for axis in np.moveaxis(codes, -1, 0)
-        if len(axis) and np.isfinite(axis).all()
-    ]
-    return max(shares, default=0.0)
+    axes = [axis for axis in np.moveaxis(codes, -1, 0) if len(axis) and np.isfinite(axis).all()]
+    return max((1 - float(is_whole(axis).mean()) for axis in axes), default=0.0)
