@@ -12,7 +12,8 @@ standard error that includes what the frames cannot tell.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -23,10 +24,8 @@ from calibration.radiometry.flicker import InStep
 from calibration.radiometry.light_change import ChangeSpread, likeliest_change
 from calibration.radiometry.light_groups import USABLE, LightBesides, LightGroups, grouped_by_light
 from calibration.radiometry.response import Response
-from calibration.radiometry.tone_curve import BENDS, KNOTS, CurveBend, ToneCurve, tone_curve
+from calibration.radiometry.tone_curve import FAMILIES, KNOTS, CurveBend, Family, ToneCurve, shoulder, tone_curve
 
-_HOPELESS = 6.0
-"""Of log evidence: when more bend has made it worse by so much, still more is not tried."""
 _BLACK_SIGMA_DN = 0.05
 """Of the black level, where nothing else is said."""
 _USUAL_CHANGE = 0.01
@@ -88,6 +87,8 @@ class _Solution:
     residual: FloatArray
     """(F, G) of levels, share of full scale; NaN where a group does not count."""
     log_evidence: float
+    measured: float
+    """Share of full scale up to which levels were measured."""
 
     @property
     def light_change(self) -> float:
@@ -162,25 +163,25 @@ def fit_camera_response(
             "its black level or offset, or shut out room light"
         )
     groups = grouped_by_light(np.asarray(levels, np.float64), times, full_scale_dn, room, black_dn=black_dn)
-    of_black = _black_precision(InStep.unknown(black_sigma_dn) if room is None else room.in_step, full_scale_dn)
+    in_step = InStep.unknown(black_sigma_dn) if room is None else room.in_step
     _refuse_few(groups)
     start = _start(groups)
-    found = [one for kind in (True, False) for one in _solutions(groups, kind, start, of_black)]
+    found = [one for family in FAMILIES for one in _solutions(groups, family, start, in_step.precision(full_scale_dn))]
     sound = [one for one in found if one.light_change <= _MOST_CHANGE and one.left <= _MOST_LEFT] or found
     best = max(sound, key=lambda one: one.log_evidence)
     _refuse_changes(groups, best)
     return _response(best, sound, full_scale_dn)
 
 
-def _solutions(groups: LightGroups, is_sensor: bool, start: _State, of_black: FloatArray) -> list[_Solution]:
-    """From straight to bent, each begun where the one before ended, until the evidence has fallen far."""
-    found: list[_Solution] = []
-    for bend, slope in BENDS:
-        found.append(_solved(groups, CurveBend(is_sensor, bend, slope, groups.brightest), start, of_black))
-        start = found[-1].state
-        if found[-1].log_evidence < max(one.log_evidence for one in found) - _HOPELESS:
-            break
-    return found
+def _solutions(groups: LightGroups, family: Family, start: _State, of_black: FloatArray) -> Iterator[_Solution]:
+    """Solve for each candidate of a family, begun where the one before ended.
+
+    Some bend may explain a curve worse than none, and more bend best: no family is left before its end.
+    """
+    for candidate in family:
+        found = _solved(groups, candidate, start, of_black)
+        start = found.state
+        yield found
 
 
 def _refuse_few(groups: LightGroups) -> None:
@@ -201,8 +202,7 @@ def _start(groups: LightGroups) -> _State:
     gamma = np.clip(np.nansum(off_time**2) / max(np.nansum(off_time * off_y), 1e-9), 0.1, 10.0)
     log_gamma = np.full(len(KNOTS), np.log(gamma))
     light = tone_curve(log_gamma).log_light_of(np.maximum(groups.y, 1e-6))
-    weight = np.where(groups.usable, 1.0, 1e-9)
-    log_light = np.average(light - groups.log_time[:, None], axis=0, weights=weight)
+    log_light = np.average(light - groups.log_time[:, None], axis=0, weights=np.where(groups.usable, 1.0, 1e-9))
     change = np.zeros(len(groups.log_time))
     return _State(log_gamma=log_gamma, black=0.0, swell=np.zeros(4), change=change, log_light=log_light)
 
@@ -212,32 +212,36 @@ def _solved(groups: LightGroups, candidate: CurveBend, start: _State, of_black: 
     exposure_of = np.unique(groups.log_time, return_inverse=True)[1]
     state, changes = start, ChangeSpread()
     for _ in range(_ROUNDS):
-        precision = _prior(candidate, changes.precision(exposure_of), of_black)
-        normal = _normal_equations(groups, state)
-        state, moved = _backtracked(groups, state, normal.step(precision, state.curve_part), precision)
+        precision, weighed = _prior(candidate, changes.precision(exposure_of), of_black), _weighed(groups, state)[0]
+        normal = _normal_equations(weighed, state)
+        state, moved = _backtracked(weighed, state, normal.step(precision, state.curve_part), precision)
         changes = _light_change(state, np.asarray(np.linalg.inv(normal.reduced + precision)), exposure_of)
         if moved < _STILL:
             break
     return _judged(state, groups, _prior(candidate, changes.precision(exposure_of), of_black), changes.total)
 
 
+def _weighed(groups: LightGroups, state: _State) -> tuple[LightGroups, float]:
+    """Scale all variances so that they explain what a state leaves; and its likelihood, a logarithm."""
+    scatter = groups.scatter(_residual(groups, state))
+    scale, log_likelihood = scatter.explained(len(state.log_light) + 2, groups.has_repeats)
+    return replace(groups, variance=scale * groups.variance), log_likelihood
+
+
 def _judged(state: _State, groups: LightGroups, precision: FloatArray, change_sigma: float) -> _Solution:
     """Covariance, scatter and evidence at the solution."""
-    normal, residual = _normal_equations(groups, state), _residual(groups, state)
-    flat, count = state.curve_part, int(groups.usable.sum())
-    fit = float(np.nansum(residual**2 / groups.variance))
-    chi2 = fit / max(count - len(state.log_light) - 2, 1)
-    # scatter beyond what noise explains is a common factor of all variances
-    scale = max(chi2, 1.0) if groups.has_repeats else max(chi2, 1e-12)
-    posterior = normal.reduced / scale + precision
+    weighed, log_likelihood = _weighed(groups, state)
+    normal, flat = _normal_equations(weighed, state), state.curve_part
+    posterior = normal.reduced + precision
     log_prior = 0.5 * np.linalg.slogdet(precision)[1] - 0.5 * flat @ precision @ flat - change_sigma / _USUAL_CHANGE
-    log_volume = 0.5 * np.linalg.slogdet(posterior)[1] + 0.5 * np.log(normal.by_light / scale).sum()
+    log_volume = 0.5 * np.linalg.slogdet(posterior)[1] + 0.5 * np.log(normal.by_light).sum()
     return _Solution(
         state=state,
         curve=tone_curve(state.log_gamma),
         covariance=np.asarray(np.linalg.inv(posterior)),
-        residual=residual,
-        log_evidence=float(-0.5 * fit / scale - 0.5 * count * np.log(scale) + log_prior - log_volume),
+        residual=_residual(groups, state),
+        log_evidence=float(log_likelihood + log_prior - log_volume),
+        measured=groups.brightest,
     )
 
 
@@ -249,13 +253,6 @@ def _prior(candidate: CurveBend, of_changes: FloatArray, of_black: FloatArray) -
     precision[j:_FIRST_CHANGE, j:_FIRST_CHANGE] = of_black
     precision[_FIRST_CHANGE:, _FIRST_CHANGE:] = of_changes
     return precision
-
-
-def _black_precision(in_step: InStep, full_scale_dn: float) -> FloatArray:
-    """(5, 5) of black, share of full scale, and of the swell."""
-    unit = np.array([1 / full_scale_dn, 1.0, 1.0, 1.0, 1.0])
-    covariance = unit[:, None] * in_step.covariance * unit
-    return np.asarray(np.linalg.inv(covariance + np.diag([1e-14, 0.0, 0.0, 0.0, 0.0])))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -393,4 +390,7 @@ def _relative_variance(found: _Solution) -> FloatArray:
     curve, count = found.curve, len(KNOTS) + 1
     by_black = -curve.local_gamma * (1 - curve.y) / np.maximum(curve.y, curve.y[1])
     by = np.concatenate([curve.by_knots, by_black[:, None]], axis=1)
-    return np.asarray(np.einsum("pi,ij,pj->p", by, found.covariance[:count, :count], by))
+    known = np.einsum("pi,ij,pj->p", by, found.covariance[:count, :count], by)
+    of_knots = found.covariance[: len(KNOTS), : len(KNOTS)]
+    beyond = curve.by_knots @ shoulder(found.state.log_gamma, of_knots, found.measured)
+    return np.asarray(known + beyond**2)

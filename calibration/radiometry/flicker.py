@@ -46,6 +46,12 @@ class InStep:
         """Where no frame tells: none, give or take what is likely."""
         return cls(swell=np.zeros(4), covariance=np.diag([black_sigma_dn**2, 1.0, 1.0, 1.0, 1.0]))
 
+    def precision(self, full_scale_dn: float) -> FloatArray:
+        """(5, 5) of the black level, as a share of full scale, and of the four."""
+        unit = np.array([1 / full_scale_dn, 1.0, 1.0, 1.0, 1.0])
+        covariance = unit[:, None] * self.covariance * unit
+        return np.asarray(np.linalg.inv(covariance + np.diag([1e-14, 0.0, 0.0, 0.0, 0.0])))
+
 
 def swell_in_step(exposures_s: FloatArray) -> FloatArray:
     """Return what a swell in step with the frames adds to an exposure, for each of its four unknowns.

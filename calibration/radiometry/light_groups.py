@@ -44,6 +44,38 @@ class LightBesides:
     """What frames of darkness tell of black and of the swell."""
 
 
+class Scatter(NamedTuple):
+    """Squared residuals over their variances."""
+
+    between: float
+    """Of means over the repeats of an exposure: what noise does not explain is the same in all of them."""
+    within: float
+    """Of the repeats about these means."""
+    means: int
+    repeats: int
+    """Beyond one of each mean."""
+
+    def explained(self, unknowns: int, has_repeats: bool) -> tuple[float, float]:
+        """Take scatter beyond what noise explains as a common factor of all variances, of means and of repeats.
+
+        Parameters
+        ----------
+        unknowns
+            That were fitted to the means.
+        has_repeats
+            Whether the variances are known; else the factor may be below 1.
+
+        Returns
+        -------
+        tuple[float, float]
+            The factor of the means, and the logarithm of the likelihood with both.
+        """
+        chi2, least = self.between / max(self.means - unknowns, 1), 1.0 if has_repeats else 1e-12
+        of_means, of_repeats = max(chi2, least), max(self.within / max(self.repeats, 1), 1.0)
+        squares = self.between / of_means + self.within / of_repeats
+        return of_means, -0.5 * (squares + self.means * np.log(of_means) + self.repeats * np.log(of_repeats))
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class LightGroups:
     """Means of groups of pixels of about one light, in F frames, shares of full scale."""
@@ -72,6 +104,16 @@ class LightGroups:
     def brightest(self) -> float:
         """Share of full scale up to which levels were measured; 0 where no group counts."""
         return float(self.y[self.usable].max(initial=0.0))
+
+    def scatter(self, residual: FloatArray) -> Scatter:
+        """Compare residuals (F, G) of the means with their variances."""
+        exposure_of = np.unique(self.log_time, return_inverse=True)[1]
+        members = np.eye(exposure_of.max() + 1)[:, exposure_of]
+        weight = np.where(self.usable, 1 / self.variance, 0.0)
+        off, total = np.nan_to_num(residual), members @ weight
+        between = float(((members @ (weight * off)) ** 2 / np.where(total > 0, total, 1.0)).sum())
+        within, means = float((weight * off**2).sum()) - between, int((total > 0).sum())
+        return Scatter(between, max(within, 0.0), means, int(self.usable.sum()) - means)
 
 
 def grouped_by_light(

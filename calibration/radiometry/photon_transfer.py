@@ -21,6 +21,8 @@ _LEAST_PIXELS = 20
 _LEAST_VARIANCE_DN2 = 1e-9
 _LEAST_SHARE_OF_VARIANCE = 1e-3
 """Of the largest: keeps a group whose variance came out as 0 from getting all the weight."""
+_MOST_CLIPPED = 0.05
+"""Of a frame's pixels: a camera that compresses blocks takes noise from those beside clipped ones, too."""
 _UNCLIPPED = 0.95
 """Of full scale: below it no pixel clips in one of the frames."""
 _LEAST_SPAN_DN = 4.0
@@ -187,7 +189,7 @@ def fit_camera_noise(levels: FloatArray, exposures: FloatArray, response: Respon
     levels : (F, N)
         Digital numbers above black of N pixels in F frames.
     exposures : (F,)
-        In any unit; each at least twice, further ones count nothing.
+        In any unit; each at least twice, further ones count nothing, nor do those in which much clips.
     response : Response
         Of the camera.
 
@@ -205,7 +207,7 @@ def fit_camera_noise(levels: FloatArray, exposures: FloatArray, response: Respon
     parts = []
     for exposure in np.unique(exposures):
         same = levels[exposures == exposure]
-        if len(same) > 1:
+        if len(same) > 1 and np.mean(same[:2] >= top) <= _MOST_CLIPPED:
             first, second = same[0], same[1]
             inside = (first < top) & (second < top)
             common = (first[inside].mean() - second[inside].mean()) if inside.any() else 0.0
@@ -214,7 +216,8 @@ def fit_camera_noise(levels: FloatArray, exposures: FloatArray, response: Respon
     if len(points.signals) < _LEAST_GROUPS:
         raise CalibrationError(
             f"camera noise: {len(points.signals)} groups of pixels between black and saturation in frames of equal "
-            f"exposure, at least {_LEAST_GROUPS} are needed; check exposure range and lamp"
+            f"exposure of which at most {100 * _MOST_CLIPPED:g} % clips, at least {_LEAST_GROUPS} are needed; check "
+            "exposure range and lamp"
         )
     return fit_photon_transfer(linearised(points, response), rounds=3)
 
@@ -308,5 +311,6 @@ def _weighted_line(matrix: FloatArray, values: FloatArray, weight: FloatArray) -
 def _sigma(points: TransferPoints, model: FloatArray) -> FloatArray:
     """(K,) standard errors: a variance of n pixels is known to sqrt(2 / n) of itself, and as well as the curve."""
     largest = points.variances.max(initial=0.0)
-    floor = max(_LEAST_SHARE_OF_VARIANCE * largest, _LEAST_VARIANCE_DN2)
+    # A line that falls below 0 near black would give the groups there all the weight.
+    floor = np.maximum(points.variances / 2, max(_LEAST_SHARE_OF_VARIANCE * largest, _LEAST_VARIANCE_DN2))
     return np.asarray(np.maximum(model, floor) * np.sqrt(2 / points.counts + _CURVE_ERROR**2))

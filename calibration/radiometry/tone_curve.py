@@ -15,12 +15,17 @@ from calibration.arrays import FloatArray
 
 KNOTS = np.concatenate([[0.0, 0.01, 0.02, 0.04, 0.07], np.linspace(0.1, 1.0, 19)])
 """Of log s over y: close together near black, where tone curves bend most."""
-BENDS = ((1e-3, 1e-3), (1e-3, 0.01), (3e-3, 0.05), (1e-2, 0.2), (3e-2, 0.3), (0.1, 0.3), (0.3, 0.3), (1.0, 0.3))
+_BENDS = ((1e-3, 1e-3), (1e-3, 0.01), (3e-3, 0.05), (1e-2, 0.2), (3e-2, 0.3), (0.1, 0.3), (0.3, 0.3), (1.0, 0.3))
 """Candidates: change of log local gamma over a factor e of level, and from black to full scale in proportion to it."""
-_UNMEASURED_BEND = 0.02
-"""The same beyond the brightest level that was measured, besides: what lies below cannot tell of a shoulder there. From
-24 random cameras of 8 bits with tone curves: without it one, measured up to 46 % of full scale, is 4.5 of its standard
-errors off; 0.03 makes the errors of straight sensors 2.3 x too large."""
+_SMOOTH = 10.0
+"""How much faster than a rough curve a smooth one of the same bend changes: its slope differs by that many times the
+bend over a factor e. With 30 the scores of ``benchmarks/calibration/tone_curves.py`` differ by about a tenth."""
+_SHOULDER, _UNSEEN = 2.0, 0.05
+"""By how much the slope of log local gamma is off beyond the brightest level that was measured: times the slope there,
+and where none is seen. S curves, whose slope doubles on the way to white, are 1.5 standard errors off with it (rms),
+2.4 with 1; a sensor that saturates by a tenth has a slope of 0.05 in the middle of its levels and 0.09 at white."""
+_SLOPE_OVER = 0.8
+"""Share of the brightest level that was measured, from which on the slope there is taken."""
 _GAMMA_SPREAD = {True: 1e-3, False: 1.0}
 """Of log local gamma at black: 1 for a sensor (a finite slope there), anything for a power law."""
 _FINE = 512
@@ -116,20 +121,69 @@ def knot_distances() -> FloatArray:
     return np.asarray(np.diff(np.log(KNOTS + _BEND)))
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class CurveBend:
-    """How much a curve may bend, and whether it has a finite slope at black."""
+    """How much a curve may bend, whether smoothly, and whether it has a finite slope at black."""
 
     is_sensor: bool
+    is_smooth: bool
+    """Whether it goes on as it bent before; else each part may bend anew."""
     bend: float
     slope: float
-    measured: float
-    """Share of full scale up to which levels were measured."""
 
     @property
     def precision(self) -> FloatArray:
-        """(J, J) of log local gamma at the knots: any at black, a straight line, and random steps from knot to knot."""
-        unmeasured = np.where(KNOTS[1:] > self.measured, _UNMEASURED_BEND, 0.0)
-        walk = np.concatenate([[0.0], np.cumsum((self.bend**2 + unmeasured**2) * knot_distances())])
-        covariance = np.minimum(walk[:, None], walk) + self.slope**2 * np.outer(KNOTS, KNOTS)
-        return np.asarray(np.linalg.inv(covariance + _GAMMA_SPREAD[self.is_sensor] ** 2 + 1e-12 * np.eye(len(KNOTS))))
+        """(J, J) of log local gamma at the knots: any at black, a straight line, and random steps from knot to knot.
+
+        Of a smooth curve the steps of the slope are random, not those of the curve: an integrated random walk.
+        """
+        if self.is_smooth:
+            place = np.concatenate([[0.0], np.cumsum(knot_distances())])
+            low, high = np.minimum(place[:, None], place), np.maximum(place[:, None], place)
+            bending = (_SMOOTH * self.bend) ** 2 * low**2 * (3 * high - low) / 6
+            bending += self.slope**2 * np.outer(place, place)
+        else:
+            place = np.concatenate([[0.0], np.cumsum(self.bend**2 * knot_distances())])
+            bending = np.minimum(place[:, None], place)
+        covariance = bending + self.slope**2 * np.outer(KNOTS, KNOTS) + _GAMMA_SPREAD[self.is_sensor] ** 2
+        # A smooth curve of straight pieces differs from a straight line by less than a number's last digits tell.
+        return np.asarray(np.linalg.inv(covariance + (1e-9 if self.is_smooth else 1e-12) * np.eye(len(KNOTS))))
+
+
+Family = tuple[CurveBend, ...]
+"""Candidates from straight to bent."""
+FAMILIES: tuple[Family, ...] = tuple(
+    tuple(CurveBend(is_sensor=is_sensor, is_smooth=is_smooth, bend=bend, slope=slope) for bend, slope in _BENDS)
+    for is_sensor in (True, False)
+    for is_smooth in (True, False)
+)
+"""Sensors and others, smooth and rough."""
+
+
+def shoulder(log_gamma: FloatArray, covariance: FloatArray, measured: float) -> FloatArray:
+    """Find how far off a curve may be where it was not measured: it may bend there by more than it has begun to.
+
+    Parameters
+    ----------
+    log_gamma : (J,)
+        As found, at :data:`KNOTS`.
+    covariance : (J, J)
+        Of it.
+    measured : float
+        Share of full scale up to which levels were measured.
+
+    Returns
+    -------
+    (J,)
+        One standard deviation of log local gamma at the knots, all in common: 0 up to `measured`.
+    """
+    place, (begin, end) = np.log(KNOTS + _BEND), np.log(np.array([_SLOPE_OVER, 1.0]) * measured + _BEND)
+    weights = (np.diff([_hats(place, begin), _hats(place, end)], axis=0) / (end - begin))[0]
+    slope_squared = (weights @ log_gamma) ** 2 - weights @ covariance @ weights
+    off = np.sqrt(_SHOULDER**2 * max(slope_squared, 0.0) + _UNSEEN**2)
+    return np.asarray(off * np.maximum(place - end, 0.0))
+
+
+def _hats(knots: FloatArray, at: float) -> FloatArray:
+    """(J,) what each knot weighs at a place between two of them."""
+    return np.array([np.interp(at, knots, one) for one in np.eye(len(knots))])

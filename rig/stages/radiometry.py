@@ -41,9 +41,11 @@ from rig.terminal import OnStep, part_of
 BoolArray = NDArray[np.bool_]
 FloatArray = NDArray[np.float64]
 
-_SWEEP = (1 / 32, 1 / 16, 1 / 8, 1 / 4, 1 / 2, 0.75, 1.0, 1.3)
+_SWEEP = (1 / 32, 1 / 16, 1 / 8, 1 / 4, 1 / 2, 0.75, 1.0, 1.15, 1.35, 1.7, 2.2)
 """Exposures for the camera's response, multiples of the reference. In the longest the brightest pixels clip and do not
-count; others reach full scale, so that the curve is measured to its end: with 1.1 errors were twice as large."""
+count; others reach full scale, so that the curve is measured to its end. Close together there, as few pixels may be
+bright; and up to 2.2, as levels behind a tone curve rise slowly: with 1.3 as the last a camera of sRGB was measured up
+to 85 to 90 %, and errors of tone curves are three times as large (``benchmarks/calibration/tone_curves.py``)."""
 _SWEEPS = ("white-sweep", "white-sweep-back")
 """Two frames of each exposure tell the noise from their difference. The second is taken in the opposite order: a lamp
 that gets evenly brighter is then as bright for each exposure, in the mean, and is not taken for the camera's curve."""
