@@ -20,7 +20,7 @@ FloatArray = NDArray[np.float64]
 
 KINDS = ("random", "small", "tiny")
 TINY = Path(__file__).parents[2] / "hw_profiles" / "ci-tiny.toml"
-EFFECTS = ("corner-blur", "lamp", "tone", "8-bit", "mjpeg")
+EFFECTS = ("corner-blur", "lamp", "tone", "8-bit", "mjpeg", "s-curve")
 _LATENCY_S = 0.046
 _CORNER_MARGIN = 0.12
 """Of the room's length and width: nearer to a wall no device stands."""
@@ -72,16 +72,17 @@ def rig_of(seed: int, effects: Sequence[str] = (), shapes: Shapes = Shapes()) ->
     bits = 8 if {"8-bit", "mjpeg"} & set(effects) else int(random.choice([8, 10, 12]))
     camera["black_level_dn"] = float(random.uniform(0.01, 0.03) * 2**bits)
     profile = _profile(random, seed, room, (camera, projector), bits, shapes)
-    if "mjpeg" not in effects:
-        return profile
-    # Drawn last, so that the rig is the one without it in all else.
-    return _mjpeg(profile, int(random.integers(75, 96)))
+    # Drawn last, so that the rig is the one without them in all else.
+    quality, s_shape = int(random.integers(75, 96)), float(random.uniform(0.05, 0.4))
+    if "mjpeg" in effects:
+        profile = _with_camera(profile, f"jpeg_quality = {quality}")
+    return _with_camera(profile, f"s_shape = {s_shape}") if "s-curve" in effects else profile
 
 
-def _mjpeg(profile: str, quality: int) -> str:
-    """The same rig with a camera that streams JPEG."""
+def _with_camera(profile: str, line: str) -> str:
+    """The same rig with another camera."""
     head = "[[simulation.camera]]"
-    return profile.replace(head, f"{head}\njpeg_quality = {quality}")
+    return profile.replace(head, f"{head}\n{line}")
 
 
 def _lens(random: np.random.Generator, name: str, shape: tuple[int, int], shift: float) -> dict[str, Any]:

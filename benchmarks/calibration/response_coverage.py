@@ -67,7 +67,7 @@ def calibrated(text: str, folder: Path) -> tuple[Profile, RadiometricCalibration
 def true_levels(camera: SimulatedCameraSettings, light: NDArray[np.float64], full_scale_dn: int) -> NDArray[np.float64]:
     """Digital numbers of light without noise."""
     y = light * (1 + camera.compression) / (1 + camera.compression * light)
-    toned_y = toned(y.astype(np.float32), camera.tone).astype(np.float64)
+    toned_y = toned(y.astype(np.float32), camera.tone, camera.s_shape).astype(np.float64)
     return np.asarray(camera.black_level_dn + (full_scale_dn - camera.black_level_dn) * toned_y)
 
 

@@ -347,7 +347,7 @@ def sensor_response(
     electrons += noise * np.sqrt(np.maximum(electrons, 0) + np.float32(camera.read_noise_e**2))
     y = np.clip(electrons * np.float32(gain / camera.full_well_e), -0.05, 1.0)
     y *= (1 + camera.compression) / (1 + camera.compression * y)
-    y = toned(y, camera.tone)
+    y = toned(y, camera.tone, camera.s_shape)
     digital = camera.black_level_dn + (full_scale_dn - camera.black_level_dn) * y
     return np.asarray(np.clip(np.rint(digital), 0, full_scale_dn), dtype=np.uint16)
 
@@ -364,11 +364,13 @@ def through_jpeg(levels: NDArray[np.uint16], quality: int) -> NDArray[np.uint16]
     return np.ascontiguousarray(back[..., ::-1]).astype(np.uint16)
 
 
-def toned(y: Float32Array, tone: str | float) -> Float32Array:
+def toned(y: Float32Array, tone: str | float, s_shape: float = 0.0) -> Float32Array:
     """A consumer camera's tone curve over 0 ... 1; it cuts off what is below black, as such cameras do."""
-    if tone == "linear":
+    if tone == "linear" and s_shape == 0:
         return y
     y = np.maximum(y, np.float32(0))
     if tone == "srgb":
-        return np.where(y <= 0.0031308, 12.92 * y, 1.055 * y ** np.float32(1 / 2.4) - 0.055).astype(np.float32)
-    return np.asarray(y ** np.float32(1 / float(tone)), dtype=np.float32)
+        y = np.where(y <= 0.0031308, 12.92 * y, 1.055 * y ** np.float32(1 / 2.4) - 0.055).astype(np.float32)
+    elif tone != "linear":
+        y = np.asarray(y ** np.float32(1 / float(tone)), dtype=np.float32)
+    return np.asarray((1 - s_shape) * y + s_shape * y * y * (3 - 2 * y), dtype=np.float32)

@@ -128,6 +128,8 @@ class SimulatedCameraSettings(SimulatedLensSettings):
     """Response y (1 + c) / (1 + c y): 0 is linear."""
     tone: Literal["linear", "srgb"] | Annotated[float, Field(ge=0.3, le=4.0)] = "linear"
     """Tone curve after it: none, that of sRGB, or the exponent g of y^(1 / g), as consumer cameras apply it."""
+    s_shape: Annotated[float, Field(ge=0, le=0.6)] = 0.0
+    """Share of a smooth step in it: a picture style, which darkens what is dark and brightens what is bright."""
     jpeg_quality: Annotated[int, Field(ge=1, le=100)] | None = None
     """Frames come as JPEG of that quality, as from a webcam that streams MJPEG; None: as the sensor has them."""
     stale_frame_rate: Share = 0.0

@@ -41,9 +41,15 @@ def test_half_of_full_scale_is_where_the_standards_put_it(tone: str | float, exp
     assert toned(np.array([0.5], np.float32), tone)[0] == pytest.approx(expected, abs=1e-4)
 
 
+def test_an_s_curve_darkens_what_is_dark_and_brightens_what_is_bright() -> None:
+    levels = toned(np.array([0.1, 0.5, 0.9], np.float32), "linear", 0.4)
+    assert levels == pytest.approx([0.0712, 0.5, 0.9288], abs=1e-4)
+
+
+@pytest.mark.parametrize("s_shape", [0.0, 0.6])
 @pytest.mark.parametrize("tone", ["linear", "srgb", 1.8, 2.4, 0.4])
-def test_a_tone_curve_keeps_black_and_white_and_rises(tone: str | float) -> None:
-    camera = settings_with({"tone": tone, "black_level_dn": 5.0}).camera
+def test_a_tone_curve_keeps_black_and_white_and_rises(tone: str | float, s_shape: float) -> None:
+    camera = settings_with({"tone": tone, "s_shape": s_shape, "black_level_dn": 5.0}).camera
     levels = levels_of(camera, np.linspace(0, 1.2, 500))
     assert (levels[0], levels[-1]) == (5, 255)
     assert (np.diff(levels.astype(int)) >= 0).all()
