@@ -20,6 +20,7 @@ from response_coverage import JUDGED
 from calibration.errors import CalibrationError
 from calibration.radiometry.camera_response import fit_camera_response
 from calibration.radiometry.response import light_of_levels
+from rig.devices.simulated.devices import toned
 
 Array = NDArray[np.float64]
 Tone = Callable[[Array], Array]
@@ -40,11 +41,6 @@ class Camera(NamedTuple):
     read_noise_e: float
 
 
-def srgb(light: Array) -> Array:
-    """IEC 61966-2-1."""
-    return np.where(light <= 0.0031308, 12.92 * light, 1.055 * np.maximum(light, 1e-12) ** (1 / 2.4) - 0.055)
-
-
 def rec709(light: Array) -> Array:
     """ITU-R BT.709."""
     return np.where(light < 0.018, 4.5 * light, 1.099 * np.maximum(light, 1e-12) ** 0.45 - 0.099)
@@ -55,21 +51,21 @@ def tones(random: np.random.Generator) -> dict[str, Tone]:
     share, power, bent = random.uniform(0.05, 0.35), 1 / random.uniform(1.8, 2.4), random.uniform(0, 1)
     wide = random.uniform(1 / 3, 1 / 0.45)
 
-    def in_s(y: Array) -> Array:
-        return (1 - share) * y + share * y * y * (3 - 2 * y)
-
     def saturated(light: Array, by: float) -> Array:
         return light * (1 + by) / (1 + by * light)
 
+    def camera(tone: str | float, s_shape: float = 0.0) -> Tone:
+        return lambda light: toned(light.astype(np.float32), tone, s_shape).astype(np.float64)
+
     return {
         "straight": lambda light: saturated(light, 0.1 * bent),
-        "power": lambda light: light**wide,
-        "sRGB": srgb,
+        "power": camera(1 / wide),
+        "sRGB": camera("srgb"),
         "Rec. 709": rec709,
-        "S": in_s,
-        "S on sRGB": lambda light: in_s(srgb(light)),
-        "S on power": lambda light: in_s(light**power),
-        "shoulder": lambda light: srgb(saturated(light, bent)),
+        "S": camera("linear", share),
+        "S on sRGB": camera("srgb", share),
+        "S on power": camera(1 / power, share),
+        "shoulder": lambda light: camera("srgb")(saturated(light, bent)),
     }
 
 
