@@ -209,16 +209,16 @@ def _start(groups: LightGroups) -> _State:
 
 def _solved(groups: LightGroups, candidate: CurveBend, start: _State, of_black: FloatArray) -> _Solution:
     """Least squares by Gauss-Newton; the change of light between frames is estimated on the way."""
-    exposure_of = np.unique(groups.log_time, return_inverse=True)[1]
     state, changes = start, ChangeSpread()
     for _ in range(_ROUNDS):
-        precision, weighed = _prior(candidate, changes.precision(exposure_of), of_black), _weighed(groups, state)[0]
+        precision = _prior(candidate, changes.precision(groups.exposure_of), of_black)
+        weighed, _ = _weighed(groups, state)
         normal = _normal_equations(weighed, state)
         state, moved = _backtracked(weighed, state, normal.step(precision, state.curve_part), precision)
-        changes = _light_change(state, np.asarray(np.linalg.inv(normal.reduced + precision)), exposure_of)
+        changes = _light_change(state, np.asarray(np.linalg.inv(normal.reduced + precision)), groups.exposure_of)
         if moved < _STILL:
             break
-    return _judged(state, groups, _prior(candidate, changes.precision(exposure_of), of_black), changes.total)
+    return _judged(state, groups, _prior(candidate, changes.precision(groups.exposure_of), of_black), changes.total)
 
 
 def _weighed(groups: LightGroups, state: _State) -> tuple[LightGroups, float]:

@@ -105,10 +105,14 @@ class LightGroups:
         """Share of full scale up to which levels were measured; 0 where no group counts."""
         return float(self.y[self.usable].max(initial=0.0))
 
+    @property
+    def exposure_of(self) -> IntArray:
+        """(F,) number of each frame's exposure, from 0."""
+        return np.unique(self.log_time, return_inverse=True)[1]
+
     def scatter(self, residual: FloatArray) -> Scatter:
         """Compare residuals (F, G) of the means with their variances."""
-        exposure_of = np.unique(self.log_time, return_inverse=True)[1]
-        members = np.eye(exposure_of.max() + 1)[:, exposure_of]
+        members = np.eye(self.exposure_of.max() + 1)[:, self.exposure_of]
         weight = np.where(self.usable, 1 / self.variance, 0.0)
         off, total = np.nan_to_num(residual), members @ weight
         between = float(((members @ (weight * off)) ** 2 / np.where(total > 0, total, 1.0)).sum())
