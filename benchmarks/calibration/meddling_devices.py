@@ -41,7 +41,7 @@ OfCodes = Callable[[Codes], Codes]
 OfLight = Callable[[Float32Array], Float32Array]
 OfLevels = Callable[[Levels, int, float], Levels]
 """Of a camera's levels, the frame's number and full scale."""
-EVENTS = (28, 45, 75, 105, 135)
+EVENTS = (28, 54, 84, 114, 135)
 """Frames before something happens: on ci-tiny among sweeps, levels and stripes, before and among the checks."""
 
 

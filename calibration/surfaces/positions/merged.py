@@ -27,6 +27,8 @@ _ROUNDS = 3
 """Of the search for where a ray meets a surface."""
 _LEAST_SLOPE = 0.05
 """Of a ray's nearing a surface over its length: at a flatter angle the surface tells nothing of the distance."""
+_THROUGH_PX = 3
+"""Window that has to be looked through whole: along edges there are strips of two pixels though nothing moved."""
 _FARTHER = 0.01
 """Of the distance, from which on what a pixel sees lies behind a point: so much less is an error of either."""
 
@@ -164,12 +166,12 @@ def looked_through(points: PointMap, camera: PinholeModel, others: PointMap) -> 
     Returns
     -------
     (H, W) bool
-        Beside edges there are some though nothing moved.
+        Where it does so over at least 3 x 3 pixels: along edges there are strips though nothing moved.
     """
     places = others.origin_m + others.distance_m[others.known][:, None] * others.rays[others.known]
     through = np.zeros(others.known.shape, dtype=bool)
     through[others.known] = _seen_over_distance(points, camera, places) > 1 + _FARTHER
-    return through
+    return opened(through, _THROUGH_PX)
 
 
 def looked_at(points: PointMap, camera: PinholeModel, places_m: FloatArray) -> BoolArray:
@@ -201,10 +203,14 @@ def _seen_over_distance(points: PointMap, camera: PinholeModel, places_m: FloatA
     return np.asarray(np.nan_to_num(seen_m / np.linalg.norm(local, axis=1)))
 
 
+def opened(mask: BoolArray, window_px: int) -> BoolArray:
+    """Return (H, W) where a mask fills a window of so many pixels: without strips along edges."""
+    window = np.ones((window_px, window_px), np.uint8)
+    return np.asarray(cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_OPEN, window) > 0)
+
+
 def _areas(mask: BoolArray) -> tuple[BoolArray, BoolArray]:
     """Areas of a mask that are no thin edges and no chance, and the largest of them."""
-    window = np.ones((_EDGE_PX, _EDGE_PX), np.uint8)
-    opened = cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_OPEN, window)
-    number = cv2.connectedComponents(opened, connectivity=4)[1].astype(np.int64)
+    number = cv2.connectedComponents(opened(mask, _EDGE_PX).astype(np.uint8), connectivity=4)[1].astype(np.int64)
     label = largest_first(number - 1, _LEAST_PIXELS)
     return np.asarray(label >= 0), np.asarray(label == 0)

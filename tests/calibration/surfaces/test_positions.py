@@ -18,6 +18,7 @@ from calibration.surfaces.positions.merged import (
     looked_at,
     looked_through,
     merged,
+    opened,
     seen_along,
 )
 from calibration.surfaces.positions.placed import PlacedCamera, place_camera, placement_sigma_m, relative_to
@@ -190,6 +191,13 @@ def test_what_the_main_camera_looks_through_is_found():
     on_post = distances([post], OTHER) < np.inf
     assert (through & on_post).sum() > 200
     assert looked_through(seen_by_main(), MAIN, placed_in()[1]).mean() < 0.01, "but beside edges"
+
+
+def test_a_strip_along_an_edge_is_not_looked_through():
+    strip, whole = np.zeros((9, 20), dtype=bool), np.zeros((9, 20), dtype=bool)
+    strip[3:5, 2:18] = whole[2:5, 4:7] = True
+    assert not opened(strip, 3).any()
+    np.testing.assert_array_equal(opened(strip | whole, 3), whole)
 
 
 def test_of_what_a_camera_sees_or_looks_through_no_guess_is_needed():

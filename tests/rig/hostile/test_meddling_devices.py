@@ -54,7 +54,7 @@ def test_a_camera_that_sharpens_its_pictures_is_told_by_the_middles_of_checks(ou
 
 def test_a_camera_that_moved_among_the_steps_is_told_by_its_whites(outcome: Outcome) -> None:
     assert "standing still: displacement of white between two photographs: 2.1" in outcome(
-        "camera moved by 2 px at frame 105"
+        "camera moved by 2 px at frame 114"
     )
 
 
@@ -77,7 +77,7 @@ def test_pictures_of_checks_that_somebody_walked_through_are_left_out(outcome: O
 
 
 def test_somebody_who_walks_through_the_projectors_levels_is_named(outcome: Outcome) -> None:
-    said = outcome("passer-by at frame 45")
+    said = outcome("passer-by at frame 54")
     assert "refused (1): projector response" in said
     assert "level-128" in said
     assert "Somebody or something stood in the light" in said
