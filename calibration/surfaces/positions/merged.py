@@ -27,8 +27,6 @@ _ROUNDS = 3
 """Of the search for where a ray meets a surface."""
 _LEAST_SLOPE = 0.05
 """Of a ray's nearing a surface over its length: at a flatter angle the surface tells nothing of the distance."""
-_THROUGH_PX = 3
-"""Window that has to be looked through whole: along edges there are strips of two pixels though nothing moved."""
 _FARTHER = 0.01
 """Of the distance, from which on what a pixel sees lies behind a point: so much less is an error of either."""
 
@@ -166,12 +164,12 @@ def looked_through(points: PointMap, camera: PinholeModel, others: PointMap) -> 
     Returns
     -------
     (H, W) bool
-        Where it does so over at least 3 x 3 pixels: along edges there are strips though nothing moved.
+        Along edges there are strips though nothing moved: :func:`opened` leaves them out.
     """
     places = others.origin_m + others.distance_m[others.known][:, None] * others.rays[others.known]
     through = np.zeros(others.known.shape, dtype=bool)
     through[others.known] = _seen_over_distance(points, camera, places) > 1 + _FARTHER
-    return opened(through, _THROUGH_PX)
+    return through
 
 
 def looked_at(points: PointMap, camera: PinholeModel, places_m: FloatArray) -> BoolArray:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.errors import CalibrationError
-from calibration.geometry.pinhole import PinholeModel, vector_of
+from calibration.geometry.pinhole import vector_of
 from calibration.geometry.room import RoomBox
 from calibration.structured_light.correspondence import Correspondence
 from calibration.surfaces.before_walls import apart_from_walls, before_walls
@@ -47,6 +47,8 @@ projector that moved makes the same codes, and the points of both sessions fit."
 _FEW_THROUGH, _SHARE_THROUGH = 10, 0.01
 """Of pixels that see what only another position saw, those through which this camera may look. In simulated furnished
 rooms 0 were in four pairs of sessions; 18 of 733 and 345 of 758 where a table had moved by 8 and by 14 cm."""
+_THROUGH_PX = 3
+"""Window that has to be looked through whole: along edges there are strips of two pixels though nothing moved."""
 _THIN_PX = 5
 """Window that a strip has to fill which only another position saw: along edges strips are left that all saw in part."""
 
@@ -214,7 +216,9 @@ def surfaces_elsewhere(
         new = before_walls(one.correspondence, there).stands & one.points.known
         new &= ~_lit_by(known, one.correspondence)
         new = opened(new, _THIN_PX)
-        _refuse_looking_through(one, points, new, box.camera)
+        through = looked_through(points, box.camera, _only(one.points, new))
+        _refuse_looking_through(one, opened(through, _THROUGH_PX), new)
+        new &= ~through
         parts = parts_of(one.points, pieces_of(one.points, new, least), least)
         places = one.points.origin_m + one.points.distance_m[..., None] * one.points.rays
         apart_m = apart_from_walls(there, places)
@@ -341,9 +345,8 @@ def _thing_moved(found: Agreement) -> str:
     )
 
 
-def _refuse_looking_through(one: Elsewhere, points: PointMap, new: BoolArray, camera: PinholeModel) -> None:
+def _refuse_looking_through(one: Elsewhere, through: BoolArray, new: BoolArray) -> None:
     """Refuse what another position saw where this camera sees something behind it."""
-    through = looked_through(points, camera, _only(one.points, new))
     if through.sum() <= max(_FEW_THROUGH, _SHARE_THROUGH * new.sum()):
         return
     rows, columns = np.nonzero(through)
