@@ -6,7 +6,7 @@ Levels are whole numbers: where noise is below one of them, rounding does not av
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -105,7 +105,7 @@ class LightGroups:
         """Share of full scale up to which levels were measured; 0 where no group counts."""
         return float(self.y[self.usable].max(initial=0.0))
 
-    @property
+    @cached_property
     def exposure_of(self) -> IntArray:
         """(F,) number of each frame's exposure, from 0."""
         return np.unique(self.log_time, return_inverse=True)[1]

@@ -59,7 +59,7 @@ def before_walls(correspondence: Correspondence, box: RoomBox) -> BeforeWalls:
         limit = np.maximum(limit, _OFF_SIGMAS * correspondence.sigma_px[rows, columns].max(axis=1))
     stands = np.zeros(correspondence.reason.shape, dtype=bool)
     stands[rows, columns] = off_px > limit
-    return BeforeWalls(face=face, wall_distance_m=distance_m, stands=_without_thin(stands))
+    return BeforeWalls(face=face, wall_distance_m=distance_m, stands=opened(stands, _THIN_PX))
 
 
 def apart_from_walls(box: RoomBox, points_m: FloatArray) -> FloatArray:
@@ -95,6 +95,7 @@ def _first_wall(origin_m: FloatArray, rays: FloatArray, box: RoomBox) -> tuple[I
     return which, nearest_m
 
 
-def _without_thin(mask: BoolArray) -> BoolArray:
-    window = np.ones((_THIN_PX, _THIN_PX), np.uint8)
+def opened(mask: BoolArray, window_px: int) -> BoolArray:
+    """Return (H, W) where a mask fills a window of so many pixels: without strips along edges."""
+    window = np.ones((window_px, window_px), np.uint8)
     return np.asarray(cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_OPEN, window) > 0)

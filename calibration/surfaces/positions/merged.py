@@ -9,6 +9,7 @@ import numpy as np
 
 from calibration.arrays import BoolArray, FloatArray
 from calibration.geometry.pinhole import PinholeModel, project
+from calibration.surfaces.before_walls import opened
 from calibration.surfaces.pieces import largest_first
 from calibration.surfaces.point_map import PointMap
 from calibration.surfaces.positions.lit_map import read_at
@@ -164,7 +165,8 @@ def looked_through(points: PointMap, camera: PinholeModel, others: PointMap) -> 
     Returns
     -------
     (H, W) bool
-        Along edges there are strips though nothing moved: :func:`opened` leaves them out.
+        Along edges there are strips though nothing moved; :func:`~calibration.surfaces.before_walls.opened` takes them
+        away.
     """
     places = others.origin_m + others.distance_m[others.known][:, None] * others.rays[others.known]
     through = np.zeros(others.known.shape, dtype=bool)
@@ -199,12 +201,6 @@ def _seen_over_distance(points: PointMap, camera: PinholeModel, places_m: FloatA
     xy_px = np.where(ahead[:, None], project(camera, somewhere), np.nan)
     seen_m = 1 / read_at(1 / points.distance_m, xy_px)
     return np.asarray(np.nan_to_num(seen_m / np.linalg.norm(local, axis=1)))
-
-
-def opened(mask: BoolArray, window_px: int) -> BoolArray:
-    """Return (H, W) where a mask fills a window of so many pixels: without strips along edges."""
-    window = np.ones((window_px, window_px), np.uint8)
-    return np.asarray(cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_OPEN, window) > 0)
 
 
 def _areas(mask: BoolArray) -> tuple[BoolArray, BoolArray]:

@@ -13,7 +13,7 @@ from calibration.errors import CalibrationError
 from calibration.geometry.pinhole import vector_of
 from calibration.geometry.room import RoomBox
 from calibration.structured_light.correspondence import Correspondence
-from calibration.surfaces.before_walls import apart_from_walls, before_walls
+from calibration.surfaces.before_walls import apart_from_walls, before_walls, opened
 from calibration.surfaces.continued import Continued
 from calibration.surfaces.flat_parts import parts_of
 from calibration.surfaces.pieces import pieces_of
@@ -26,7 +26,6 @@ from calibration.surfaces.positions.merged import (
     looked_at,
     looked_through,
     merged,
-    opened,
     seen_along,
 )
 from calibration.surfaces.positions.placed import PlacedCamera, place_camera, placement_sigma_m, relative_to

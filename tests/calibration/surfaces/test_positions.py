@@ -10,6 +10,7 @@ import pytest
 
 from calibration.errors import CalibrationError
 from calibration.geometry.pinhole import PinholeModel, project, rotation_of
+from calibration.surfaces.before_walls import opened
 from calibration.surfaces.point_map import PointMap, point_map
 from calibration.surfaces.positions.lit_map import covered, lit_map, read_at
 from calibration.surfaces.positions.merged import (
@@ -18,7 +19,6 @@ from calibration.surfaces.positions.merged import (
     looked_at,
     looked_through,
     merged,
-    opened,
     seen_along,
 )
 from calibration.surfaces.positions.placed import PlacedCamera, place_camera, placement_sigma_m, relative_to
