@@ -9,22 +9,18 @@ from itertools import pairwise
 import numpy as np
 
 from calibration.arrays import FloatArray
-from calibration.light.blur import stretch
 from calibration.structured_light.consistency.displacement import clear_shift_px
-from calibration.structured_light.correspondence import Correspondence
 from rig.errors import SessionError
 from rig.records import Verdict
 from rig.session import Session, Step
 from rig.stages.correspondence import load_correspondence
 from rig.stages.photograph import frame_name
 from rig.stages.radiometry import load_radiometric_calibration
+from rig.stages.stripes.stillness import most_displacement_px
 
 _STEPS = ("gray", "separation", "project")
 """That photograph white; before them a device may move, for curves do not depend on places."""
 _WHITES = ("white", "lamp-before", "lamp-after")
-_MOST_PX = 0.5
-"""Of the camera or of the projector, whichever pixels are larger: on ci-tiny a camera that moved by 0.32 px among the
-checkers left direct light within 0.4 %, by 2.2 px 4 % off."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -82,19 +78,13 @@ def stillness_verdicts(session: Session) -> tuple[Verdict, ...]:
         Verdict(
             what="standing still: displacement of white between two photographs",
             value=moved.px,
-            limit=_MOST_PX * _coarseness(load_correspondence(session)),
+            limit=most_displacement_px(load_correspondence(session)),
             unit="px",
             advice=f"between two photographs of {where} the picture moved by {moved.x_px:+.2f} px to the right and "
             f"{moved.y_px:+.2f} px down: the camera or the projector moved, turned or sank while the session was "
             "photographed, so that its steps do not fit each other; fasten both, and begin a new session",
         ),
     )
-
-
-def _coarseness(correspondence: Correspondence) -> float:
-    """Width of a projector pixel in camera pixels, at least 1."""
-    squares = stretch(correspondence).sum(axis=-1) / 2
-    return max(1.0, float(np.median(squares[squares > 0]) ** -0.5)) if (squares > 0).any() else 1.0
 
 
 def _between(then: _White, now: _White) -> Displacement:

@@ -30,6 +30,7 @@ from rig.stages.light.places import finer_places
 from rig.stages.photograph import ExposureBracket, OneCount, frame_name, photograph
 from rig.stages.radiometry import load_radiometric_calibration
 from rig.stages.stripes.showing import CodePhotographs, as_light, photograph_code, photograph_in_parts, read_in_parts
+from rig.stages.stripes.stillness import photograph_white_after, read_standing, whites_after
 from rig.stages.stripes.superposition import superposition_percent
 from rig.stages.stripes.width import shown_code
 from rig.terminal import OnStep
@@ -105,17 +106,18 @@ def gray_settings(session: Session) -> JsonObject:
 
 def gray_frames(profile: Profile) -> int:
     """Return how many frames step `gray` takes."""
-    return 2 + len(find_code(profile.patterns.code).pattern_names(profile.projector.shape))
+    return 2 + len(find_code(profile.patterns.code).pattern_names(profile.projector.shape)) + whites_after(profile)
 
 
 def photograph_gray_code(rig: Rig, session: Session, step: Step, on_step: OnStep) -> None:
-    """Step `gray`: white, black, and the patterns of the structured-light code.
+    """Step `gray`: white, black, and the patterns of the structured-light code; white again if none is an inverse.
 
     Where blur has washed much out, the code is shown again with wider stripes; where light from other walls has spoilt
     much, on the pixels that are still open alone.
     """
     by = _photographs(session, step, _photographed(rig, session, step, on_step))
     shown = photograph_code(by, on_step)
+    photograph_white_after(by)
     if shown is not None:
         photograph_in_parts(by, shown)
 
@@ -127,7 +129,9 @@ def photograph_flats(rig: Rig, session: Session, step: Step, on_step: OnStep) ->
 
 def photograph_code_once(rig: Rig, session: Session, step: Step, on_step: OnStep) -> None:
     """Photograph white, black, and the patterns of the code; these with wider stripes, too, where they are too fine."""
-    photograph_code(_photographs(session, step, _photographed(rig, session, step, on_step)), on_step)
+    by = _photographs(session, step, _photographed(rig, session, step, on_step))
+    photograph_code(by, on_step)
+    photograph_white_after(by)
 
 
 def _photographs(session: Session, step: Step, take: Callable[[Iterable[Pattern]], None]) -> CodePhotographs:
@@ -142,7 +146,7 @@ def _photographs(session: Session, step: Step, take: Callable[[Iterable[Pattern]
 def read_code_once(session: Session, step: Step) -> Correspondence:
     """Return the map of what :func:`photograph_code_once` took, between whole pixels where it can be."""
     shown, by = shown_code(session, step), _photographs(session, step, _none_more)
-    return finer_places(by.read(shown), shown.code, by.of(shown), session).correspondence
+    return finer_places(read_standing(by, shown), shown.code, by.of(shown), session).correspondence
 
 
 def _none_more(_: Iterable[Pattern]) -> None:
@@ -181,7 +185,7 @@ def decode_gray_code(session: Session, step: Step, on_step: OnStep) -> None:
     gray = session.finished("gray")
     shown = shown_code(session, gray)
     by = _photographs(session, gray, _none_more)
-    first = by.read(shown)
+    first = read_standing(by, shown)
     again = gray.has_frame(frame_name(shown.taken_as("white", 0)))
     correspondence = read_in_parts(by, first, shown) if again else first
     valid_share = float(correspondence.valid.mean())

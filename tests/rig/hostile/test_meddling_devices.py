@@ -58,6 +58,13 @@ def test_a_camera_that_moved_among_the_steps_is_told_by_its_whites(outcome: Outc
     )
 
 
+def test_a_camera_that_moved_among_the_stripes_is_told_by_a_pattern_and_its_inverse(outcome: Outcome) -> None:
+    said = outcome("camera moved by 2 px at frame 84")
+    assert "the picture moved by +2.0 px to the right and +0.8 px down between long-run-column-04 and " in said
+    assert "long-run-column-03, the limit is 0.5 px" in said
+    assert "begin a new session" in said
+
+
 def test_a_camera_that_sinks_on_its_stand_is_told_by_its_whites(outcome: Outcome) -> None:
     assert "standing still: displacement of white between two photographs: 1." in outcome("camera creeps")
 

@@ -5,12 +5,14 @@ from dataclasses import replace
 from types import SimpleNamespace
 from typing import TYPE_CHECKING
 
+import cv2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 from calibration import CODES, CalibrationError, Pattern, PixelReason
 from calibration.radiometry.response import Response, linear_from_codes
+from rig.plug_ins import find_code
 from rig.report.pictures import REASONS
 from rig.session import Session
 from rig.stages import correspondence
@@ -20,8 +22,9 @@ from rig.stages.photograph import ExposureBracket, frame_name
 from rig.stages.radiometry import load_radiometric_calibration
 from rig.stages.stripes.reading import has_inverses, in_dn, in_light, read_code
 from rig.stages.stripes.showing import CodePhotographs, blaming_focus
+from rig.stages.stripes.stillness import read_standing
 from rig.stages.stripes.superposition import superposition_percent
-from rig.stages.stripes.width import shown_code
+from rig.stages.stripes.width import ShownCode, as_named, shown_code
 
 if TYPE_CHECKING:
     from tests.rig.conftest import Finished
@@ -166,3 +169,57 @@ def test_light_adds_up_in_a_finished_session_and_one_pair_with_too_much_of_it_is
     assert dimmed == pytest.approx(100 * (1 / 0.95 - 1), rel=0.15)
     first = shown.code.pattern_names(session.profile.projector.shape)[0]
     assert abs(seen(lambda name: 1.05 if name == first else 1.0) or 0) < 0.5
+
+
+@pytest.fixture
+def displaced(finished: "Finished") -> Callable[[int, float], CodePhotographs]:
+    """Photographs of a finished session of which those from a number on are displaced by some pixels to the right."""
+    session = Session.read(finished.folder)
+    gray, profile = session.finished("gray"), session.profile
+    names = ["white", "black", *find_code(profile.patterns.code).pattern_names(profile.projector.shape)]
+
+    def photographs(first: int, px: float) -> CodePhotographs:
+        def frame(name: str) -> NDArray[np.uint16]:
+            pixels: NDArray[np.uint16] = gray.load_frame(frame_name("white" if name == "white-after" else name)).pixels
+            if name in names[:first]:
+                return pixels
+            right = np.array([[1, 0, px], [0, 1, 0]], dtype=np.float64)
+            return np.asarray(cv2.warpAffine(pixels, right, pixels.shape[1::-1])[..., None])
+
+        radiometric = load_radiometric_calibration(session)
+        return CodePhotographs(profile=profile, radiometric=radiometric, take=lambda _: None, frame=frame)
+
+    return photographs
+
+
+@pytest.mark.parametrize("pair", [0, 1, 9])
+def test_stripes_that_are_displaced_are_refused_and_the_first_of_them_named(
+    displaced: Callable[[int, float], CodePhotographs], pair: int
+) -> None:
+    first = 2 + 2 * pair
+    by = displaced(first, 1.5)
+    names = ["white", *as_named(by.profile).code.pattern_names(by.profile.projector.shape)[::2]]
+    with pytest.raises(CalibrationError, match=rf"moved by \+1\.5 px .* between {names[pair]} and {names[pair + 1]},"):
+        read_standing(by, as_named(by.profile))
+
+
+def test_stripes_that_are_displaced_by_less_than_half_a_pixel_are_read(
+    displaced: Callable[[int, float], CodePhotographs],
+) -> None:
+    by = displaced(12, 0.3)
+    assert read_standing(by, as_named(by.profile)).valid.mean() > 0.4
+
+
+def test_a_displacement_among_patterns_without_inverses_is_told_by_white_after_them(
+    displaced: Callable[[int, float], CodePhotographs],
+) -> None:
+    still = displaced(99, 0.0)
+    found = still.read(as_named(still.profile))
+    code = SimpleNamespace(pattern_names=lambda shape: ("column-00",), decode=lambda *_, **__: found)
+    shown = ShownCode(code=code, times=1)  # type: ignore[arg-type]
+    frame = displaced(0, 1.5).frame
+    by = replace(still, frame=lambda name: still.frame("black") if name == "column-00" else still.frame(name))
+    assert read_standing(by, shown) is found
+    moved = replace(by, frame=lambda name: frame("white") if name == "white-after" else by.frame(name))
+    with pytest.raises(CalibrationError, match=r"moved by \+1\.5 px .* between white and white-after"):
+        read_standing(moved, shown)
