@@ -24,7 +24,6 @@ from rig.stages.light.between_patches import with_even_return
 from rig.stages.light.choice import FittedRoom, SplitLight, chosen_room
 from rig.stages.light.fit import (
     LEAST_PIXELS,
-    WHOLE_WHITE,
     BandLight,
     BareRoom,
     bare_room,
@@ -34,6 +33,7 @@ from rig.stages.light.other_backs import probabilities, sigma_of_backs, with_oth
 from rig.stages.light.records import BandModel, CameraModel, ModelRecord, ProjectorModel
 from rig.stages.light.unseen_walls import PlacedByLight, SeenInWhite, place_unseen_walls, shift_of, unmeasured_axes
 from rig.stages.maps.uncertainty import SMOOTHING_SHARE, LightUncertainty, light_uncertainty
+from rig.stages.maps.white import as_measured, light_of_white
 from rig.stages.radiometry import load_radiometric_calibration
 from rig.stages.scene_model import (
     ColouredRoom,
@@ -41,9 +41,7 @@ from rig.stages.scene_model import (
     PosedCamera,
     PosedProjector,
     SceneModel,
-    camera_view,
     cast_pixels,
-    face_of_pixels,
     unit_emission,
 )
 from rig.stages.separation import projector_blur_px2
@@ -59,8 +57,6 @@ from rig.terminal import OnStep
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
-_MOST_RESCALED = 3.0
-"""Factor by which light beside an edge may differ from what its neighbours let expect."""
 _LEAST_WHITE_SHARE = 0.3
 """Of a white picture, seen by a pixel beside its border: with less, its direct light is not extrapolated."""
 
@@ -81,7 +77,7 @@ class FittedScene:
     global_error: float
     """Relative standard deviation of what the patches make of global light."""
     unseen: FloatArray | float = 0.0
-    """(H, W, B) the same by another guess of what nobody saw of things."""
+    """(H, W, B) the same by another guess of what nobody saw of things, and beside their edges, which have no patch."""
     learned: tuple[LearnedBand, ...] | None = None
     """What photographs of known pictures say of each band; None: the patches alone."""
 
@@ -104,7 +100,7 @@ def model_settings(session: Session) -> JsonObject:
         "surface": profile.surface.kind,
         **known_settings(profile),
         **positions_settings(session),
-        "patches": "finer where something stands",
+        "patches": "finer where something stands, and beside lit edges",
         **(
             {"backs": "close behind; bodies as deep as wide; fronts that stand; all fronts; best explained; in sigmas"}
             if profile.surface.kind == "free"
@@ -118,7 +114,7 @@ def model_settings(session: Session) -> JsonObject:
         "blur": "of both lenses",
         "vignetting": "told apart by what lenses usually do",
         "unseen": ["by wall", walls.EDGE_PX, "flux bears a misfit", "placed by light", "inside", "parts of patches"],
-        "edges": "white as measured",
+        "edges": "white as measured, in parts beside things",
     }
 
 
@@ -146,12 +142,12 @@ def build_model(session: Session, step: Step, on_step: OnStep) -> None:
     on_step("build model", 3, 4)
     fits = fitted.fits
     band_models, models = _modelled(session, light, fitted)
-    of_white = [_of_white(scene_model, one, lit, border) for scene_model, one in zip(models, bands, strict=True)]
-    gains, ratios = [gain for gain, _ in of_white], [ratio for _, ratio in of_white]
-    maps = layers("gain", np.stack(gains, axis=-1)) | layers("global_gain", np.stack(ratios, axis=-1))
-    if others:
-        apart = [_sigma_of_backs(models, _modelled(session, light, other)[1], (fitted, other)) for other in others]
-        maps |= layers("unseen", np.linalg.norm(apart, axis=0))
+    of_white = [as_measured(scene_model, one, lit, border) for scene_model, one in zip(models, bands, strict=True)]
+    gain, ratio, beside_things = (np.stack(part, axis=-1) for part in zip(*of_white, strict=True))
+    maps = layers("gain", gain) | layers("global_gain", ratio)
+    apart = [_sigma_of_backs(models, _modelled(session, light, other)[1], (fitted, other)) for other in others]
+    if others or beside_things.any():
+        maps |= layers("unseen", np.linalg.norm([*apart, beside_things], axis=0))
     step.save_image("direct-gain", {**maps, "lit": lit.astype(np.float32)}, folder="maps")
     record = _record(session.profile, fitted.vignetting, fits, bands=band_models, lit=lit)
     step.save_record("model", replace(record, placed=placed))
@@ -199,29 +195,6 @@ def _placed(session: Session, seen: SeenInWhite, on_step: OnStep) -> tuple[Place
     return place_unseen_walls(record, axes, box.patch_size_m, size_sigmas_m=sizes_m, seen=seen, on_step=on_step)
 
 
-def _of_white(
-    scene_model: SceneModel, light: BandLight, lit: BoolArray, border: NDArray[np.float32]
-) -> tuple[FloatArray, FloatArray]:
-    """(H, W) direct gain, and global light of white as measured over as modelled, smoothed; 1 where not lit.
-
-    Beside edges of walls and the picture's border, shares of neighbours tell little of a pixel, and what the blur makes
-    of a place is uncertain: there both parts of its light are such that white comes out as it was measured.
-    """
-    direct_of_white, modelled = _simulated_white(scene_model)
-    face = face_of_pixels(scene_model.camera_hits, lit.shape)
-    known = lit & (modelled > 0)
-    ratio = np.where(known, (light.white - direct_of_white) / np.where(known, modelled, 1.0), 1.0)
-    # Beside the border what is missing of direct light is known to some of its per cent, which are all of global light.
-    inside = border > WHOLE_WHITE
-    ratio = np.where(lit, walls.smoothed_along_faces(ratio, lit, face, SMOOTHING_SHARE, told=inside), 1.0)
-    whole = direct_of_white + ratio * modelled
-    beside = known & (whole > 0) & walls.beside_edges(face, lit & inside)
-    kept = np.where(
-        beside, np.clip(light.white / np.where(beside, whole, 1.0), 1 / _MOST_RESCALED, _MOST_RESCALED), 1.0
-    )
-    return scene_model.light.direct_gain * kept, ratio
-
-
 def _band_model(fit: ReflectanceFit, light: BandLight, lit: BoolArray) -> BandModel:
     return BandModel(
         reflectance=tuple(fit.reflectance.tolist()),
@@ -259,15 +232,8 @@ def _record(
 
 def simulated_white(room: ColouredRoom) -> tuple[FloatArray, FloatArray]:
     """Return (H, W, B) direct and global light of white as the patches alone predict them, without `global_gain`."""
-    direct, global_ = zip(*(_simulated_white(scene_model) for scene_model in room.bands), strict=True)
+    direct, global_ = zip(*(light_of_white(scene_model) for scene_model in room.bands), strict=True)
     return np.stack(direct, axis=-1), np.stack(global_, axis=-1)
-
-
-def _simulated_white(scene_model: SceneModel) -> tuple[FloatArray, FloatArray]:
-    n_pixels, shape = scene_model.projector.lens.n_pixels, scene_model.camera.lens.shape
-    transport = camera_view(scene_model.with_global_gain(1.0), np.ones(n_pixels, dtype=bool))
-    white = np.ones(n_pixels)
-    return (transport.direct @ white).reshape(shape), (transport.global_ @ white).reshape(shape)
 
 
 def _scene_models(

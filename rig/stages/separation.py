@@ -61,6 +61,7 @@ def separation_settings(session: Session) -> JsonObject:
         **averaged_settings(measuring_bracket(session)),
         **_whites_settings(white_bracket(session)),
         "by": "weighted regression on the blurred pattern, places too, with variances; by middles; at the border, too",
+        "edges": "of things: as blurred as on either side",
         "lamp": "taken out",
         "checker": [
             patterns.checker_size_px,

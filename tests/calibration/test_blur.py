@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from calibration.errors import CalibrationError
-from calibration.light.blur import fit_point_spread, footprint_map
+from calibration.light.blur import fit_point_spread, footprint_map, stretch
 from calibration.light.two_level import Footprint, lit_share, two_level, white_share
 from calibration.structured_light.correspondence import Correspondence
 from calibration.structured_light.patterns import checker, checker_patterns, random_blocks
@@ -45,6 +45,24 @@ def correspondence(error_px: float = 0.05) -> Correspondence:
 
 def codes() -> list[np.ndarray]:
     return [pattern.codes for pattern in checker_patterns(PROJECTOR)]
+
+
+@pytest.mark.parametrize("jump_px", [3.0, 14.0, -14.0])
+def test_places_are_as_close_beside_the_edge_of_a_thing_as_on_it(jump_px: float) -> None:
+    xy = places()
+    xy[:, 100:, 0] += jump_px
+    found = stretch(Correspondence(xy, np.zeros(CAMERA, np.uint8), PROJECTOR))
+    expected = stretch(Correspondence(places(), np.zeros(CAMERA, np.uint8), PROJECTOR))
+    assert found == pytest.approx(expected, rel=0.02)
+
+
+def test_places_at_the_corner_of_a_room_are_as_close_as_on_both_walls_at_the_mean() -> None:
+    xy = places()
+    xy[..., 0] = np.where(np.arange(CAMERA[1]) < 100, 0.6, 0.9) * (np.arange(CAMERA[1]) - 100) + 90
+    found = stretch(Correspondence(xy, np.zeros(CAMERA, np.uint8), PROJECTOR))
+    assert found[:, [50, 100, 150], 0] == pytest.approx(
+        np.array([[0.6, 0.75, 0.9]]).repeat(CAMERA[0], 0) ** 2, abs=1e-3
+    )
 
 
 @pytest.mark.parametrize(("projector_px", "camera_px"), [(1.2, 0.5), (0.6, 1.2)])

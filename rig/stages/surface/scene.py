@@ -8,9 +8,10 @@ from numpy.typing import NDArray
 from calibration.light.alike import Alike
 from calibration.surfaces.bodies import rim_of
 from rig.profile.schema import refuse_many_patches
+from rig.stages.correspondence import only
 from rig.stages.geometry import GeometryRecord
 from rig.stages.surface.standing import StandingRecord
-from rig.stages.surface.walls import finer_where, finest_m, points_on
+from rig.stages.surface.walls import finer_along, finer_where, finest_m, points_on, seen_edges
 from sim.form_factors import FormFactors, form_factors
 from sim.geometry.mesh import Mesh
 from sim.geometry.scene import Scene
@@ -54,6 +55,10 @@ def scene_of(geometry: GeometryRecord, patch_size_m: float, standing: StandingRe
         region.append(first + n_parts + part)
     near = points_on(vertices, triangles, finest_m(walls)) if standing.finer_walls else np.zeros((0, 3))
     fine = finer_where(walls, near)
+    if standing.finer_edges:
+        devices = [device.pinhole() for device in (only(geometry.cameras), only(geometry.projectors))]
+        surface = geometry.surface
+        fine = finer_along(walls, fine, seen_edges(surface.size_m, surface.faces, devices, finest_m(walls)))
     return Mesh(
         name="measured room",
         vertices=np.concatenate([fine.vertices_m, *corners]),

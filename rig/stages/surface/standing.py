@@ -48,6 +48,8 @@ class StandingRecord(Record):
     """Each triangle has a back close behind it, which nobody saw; False of a known body, which has its own."""
     finer_walls: bool = False
     """The walls have finer patches where this stands; False of sessions of older versions, fitted without."""
+    finer_edges: bool = False
+    """The same beside edges between walls that the camera sees, and the projector lights."""
     n_continued: int = 0
     """Of the triangles, the last so many, which nobody saw: flat parts that the picture's border cuts go on there."""
     backs_m: tuple[Point, ...] | None = None
@@ -69,6 +71,7 @@ class StandingRecord(Record):
             share_of_image=share_of_image,
             share_left_out=share_left_out,
             finer_walls=True,
+            finer_edges=True,
         )
 
     def with_elsewhere(self, more: TriangulatedSurface, position: PositionRecord) -> StandingRecord:
@@ -190,6 +193,7 @@ def _of_known(known: KnownSurface, valid: int) -> FoundStanding:
         share_of_image=float(np.isfinite(known.misfit_m).sum()) / valid,
         share_left_out=0.0,
         finer_walls=True,
+        finer_edges=True,
         backs=known.is_open,
         registration=known.record,
     )

@@ -6,9 +6,11 @@ import json
 from dataclasses import dataclass
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
+from rig.devices.simulated.rigs import simulated_worlds_of
 from rig.profile.schema import load_profile
 from rig.run.request import SessionRequest
 from rig.run.session import run_session
@@ -106,6 +108,21 @@ def test_no_triangle_bridges_what_the_camera_did_not_see(furnished: Furnished) -
     position = only(load_geometry(furnished.session).cameras).pinhole().position_m
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     assert (((position - corners[:, 0]) * normals).sum(axis=1) > 0).all()
+
+
+def test_direct_light_is_right_beside_the_edges_of_things_too(furnished: Furnished) -> None:
+    """There it is not smoothed along surfaces of which it is not: 0.47 of it was off by more than 5 % when it was."""
+    model = load_model(furnished.session)
+    world = simulated_worlds_of(furnished.session.profile)[0]
+    white, black = (world.light(np.full(world.projector.shape, code, np.uint8)) for code in (255, 0))
+    true, gain = world.through_lens(white.direct - black.direct), model.scene_model.light.direct_gain
+    face = model.scene_model.camera_hits.hits.face.reshape(gain.shape)
+    on_thing, window = (face >= len(model.scene_model.walls)).astype(np.uint8), np.ones((7, 7))
+    beside = cv2.dilate(on_thing, window) > cv2.erode(on_thing, window)
+    beside &= model.lit & (true > 0.3 * np.median(true[model.lit]))
+    assert beside.sum() > 1000
+    unit = np.median(gain[model.lit]) / np.median(true[model.lit])
+    assert float(np.mean(np.abs(gain[beside] / (unit * true[beside]) - 1) > 0.05)) < 0.32
 
 
 def test_compensation_takes_most_of_the_error_off(furnished: Furnished) -> None:

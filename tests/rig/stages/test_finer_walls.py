@@ -8,11 +8,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from calibration.geometry.pinhole import PinholeModel
 from rig.stages.light import choice
 from rig.stages.light.choice import FittedRoom, better_explained
 from rig.stages.surface.scene import scene_of
 from rig.stages.surface.standing import StandingRecord
-from rig.stages.surface.walls import finer_where, finest_m, points_on
+from rig.stages.surface.walls import finer_along, finer_where, finest_m, points_on, seen_edges
 from sim.scenes.gridded import room
 
 WALLS = room((4.0, 4.0, 2.0), 0.5)
@@ -53,6 +54,48 @@ def test_rather_than_too_many_patches_they_are_larger():
 
 def test_nothing_that_stands_leaves_walls_as_they_are():
     assert (finer_where(WALLS, np.zeros((0, 3))).vertices_m == WALLS.vertices).all()
+
+
+def camera(focal_px: float) -> PinholeModel:
+    """Return a camera of 400 x 300 pixels on the wall y = 4 that looks at the middle of y = 0."""
+    rotation = np.array([[-1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, -1.0, 0.0]])
+    return PinholeModel(
+        width_px=400,
+        height_px=300,
+        focal_px=(focal_px, focal_px),
+        principal_point_px=(199.5, 149.5),
+        distortion=(0.0,) * 5,
+        rotation=rotation,
+        translation_m=-rotation @ np.array([2.0, 4.0, 1.0]),
+    )
+
+
+FACES = ("floor", "ceiling", "x0", "x1", "y0", "y1")
+
+
+def test_edges_between_walls_are_seen_where_they_lie_in_both_pictures():
+    wide, narrow = camera(300.0), camera(500.0)
+    points = seen_edges((4.0, 4.0, 2.0), FACES, [wide, narrow], 0.1)
+    assert len(points) > 60
+    assert {tuple(ends) for ends in np.unique(points[:, 1:][points[:, 1] == 0], axis=0)} == {(0.0, 0.0), (0.0, 2.0)}
+    assert (points[:, 0] > 0.4 - 1e-9).all(), "the edges x = 0 and x = 4 lie beside the narrow picture"
+    assert len(seen_edges((4.0, 4.0, 2.0), FACES, [wide], 0.1)) > len(points)
+    assert not len(seen_edges((4.0, 4.0, 2.0), ("y0", "x0"), [narrow], 0.1)), "there is neither floor nor ceiling"
+
+
+def test_patches_are_halved_along_seen_edges_and_as_they_were_elsewhere():
+    edges = seen_edges((4.0, 4.0, 2.0), FACES, [camera(500.0)], 0.05)
+    even = finer_where(WALLS, np.zeros((0, 3)))
+    found = finer_along(WALLS, even, edges)
+    assert np.bincount(found.region, areas(found)) == pytest.approx(np.bincount(WALLS.region, WALLS.areas))
+    halved = sizes(found) < 0.5
+    assert sizes(found)[halved] == pytest.approx(0.25)
+    middle = found.vertices_m.mean(axis=1)
+    apart = np.linalg.norm(middle[:, None] - edges, axis=2).min(axis=1)
+    assert apart[~halved].min() > 0.5 / 2
+    assert apart[halved].max() < 0.6
+    assert finer_along(WALLS, even, edges, most=len(even.region) + 3) is even, "that would be too many"
+    assert finer_along(WALLS, even, edges[:0]) is even
 
 
 def test_points_on_triangles_are_as_close_as_was_asked_for():
