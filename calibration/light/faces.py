@@ -41,6 +41,21 @@ def beside_edges(face: NDArray[np.integer], whole: BoolArray) -> BoolArray:
     return np.asarray(near | ~away_from_edges(face))
 
 
+def beside_things(face: NDArray[np.integer], n_walls: int) -> BoolArray:
+    """Return (H, W) pixels beside an edge of what stands before the walls, or of nothing, on either side of it.
+
+    Parameters
+    ----------
+    face : (H, W)
+        That each pixel sees: walls first, -1 for none.
+    n_walls : int
+        How many of them are walls.
+    """
+    window = np.ones((2 * EDGE_PX + 1,) * 2, dtype=np.uint8)
+    thing = cv2.dilate(((face < 0) | (face >= n_walls)).astype(np.uint8), window) > 0
+    return np.asarray(thing & ~away_from_edges(face))
+
+
 def on_model_of(lit: BoolArray, on_model: BoolArray) -> BoolArray:
     """Return the lit pixels (H, W) that see in the model what their code says; a model with few of them is refused.
 

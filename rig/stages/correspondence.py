@@ -106,7 +106,8 @@ def gray_settings(session: Session) -> JsonObject:
 
 def gray_frames(profile: Profile) -> int:
     """Return how many frames step `gray` takes."""
-    return 2 + len(find_code(profile.patterns.code).pattern_names(profile.projector.shape)) + whites_after(profile)
+    patterns = find_code(profile.patterns.code).pattern_names(profile.projector.shape)
+    return 2 + len(patterns) + whites_after(patterns)
 
 
 def photograph_gray_code(rig: Rig, session: Session, step: Step, on_step: OnStep) -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -70,7 +69,7 @@ def as_measured(scene_model: SceneModel, light: BandLight, lit: BoolArray, borde
     kept = np.where(
         beside, np.clip(light.white / np.where(beside, whole, 1.0), 1 / _MOST_RESCALED, _MOST_RESCALED), 1.0
     )
-    own = beside & _beside_things(face, len(scene_model.walls)) & (light.direct > 0) & (direct > 0)
+    own = beside & walls.beside_things(face, len(scene_model.walls)) & (light.direct > 0) & (direct > 0)
     more = np.where(own, light.direct / np.where(own, direct, 1.0), 1.0)
     own_ratio = np.where(own, (light.white - light.direct) / np.where(own, more * modelled, 1.0), ratio)
     own &= (own_ratio > 1 / _MOST_OWN) & (own_ratio < _MOST_OWN)
@@ -79,10 +78,3 @@ def as_measured(scene_model: SceneModel, light: BandLight, lit: BoolArray, borde
         ratio=np.where(own, own_ratio, ratio),
         apart=np.where(own, np.minimum(np.abs(own_ratio / np.where(own, ratio, 1.0) - 1), 1.0), 0.0),
     )
-
-
-def _beside_things(face: NDArray[np.integer], n_walls: int) -> BoolArray:
-    """(H, W) pixels beside an edge of what stands before the walls, on either side of it."""
-    window = np.ones((2 * walls.EDGE_PX + 1,) * 2, dtype=np.uint8)
-    thing = cv2.dilate(((face < 0) | (face >= n_walls)).astype(np.uint8), window) > 0
-    return np.asarray(thing & ~walls.away_from_edges(face))

@@ -7,6 +7,8 @@ and what is made of them is wrong somewhere: walls that are not square, a map th
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from calibration.arrays import FloatArray
@@ -16,11 +18,9 @@ from calibration.structured_light.consistency.displacement import clear_shift_px
 from calibration.structured_light.correspondence import Correspondence
 from calibration.structured_light.patterns import flat
 from rig.errors import SessionError
-from rig.plug_ins import find_code
-from rig.profile.schema import Profile
 from rig.stages.stripes.reading import INVERSE, FrameReading, has_inverses, in_light
 from rig.stages.stripes.showing import CodePhotographs
-from rig.stages.stripes.width import ShownCode
+from rig.stages.stripes.width import ShownCode, as_named
 
 _MOST_PX = 0.5
 """Of the camera or of the projector, whichever pixels are larger: on ci-tiny a camera that moved by 0.32 px among the
@@ -38,13 +38,14 @@ def most_displacement_px(correspondence: Correspondence) -> float:
 
 def photograph_white_after(by: CodePhotographs) -> None:
     """Photograph white once more, after patterns without inverses: these do not tell whether they were displaced."""
-    if whites_after(by.profile):
-        by.take((flat(by.profile.projector.shape, 255, _AFTER),))
+    shape = by.profile.projector.shape
+    if whites_after(as_named(by.profile).code.pattern_names(shape)):
+        by.take((flat(shape, 255, _AFTER),))
 
 
-def whites_after(profile: Profile) -> int:
-    """Return how many frames :func:`photograph_white_after` takes."""
-    return int(not has_inverses(find_code(profile.patterns.code).pattern_names(profile.projector.shape)))
+def whites_after(patterns: Sequence[str]) -> int:
+    """Return how many frames that takes, by the names of a code's patterns."""
+    return int(not has_inverses(patterns))
 
 
 def read_standing(by: CodePhotographs, shown: ShownCode) -> Correspondence:
