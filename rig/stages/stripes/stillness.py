@@ -91,21 +91,25 @@ class _Whites:
         self._by, self._frame = by, by.of(shown)
         self._reading: FrameReading = in_light((by.frame("white"), by.frame("black")), by.radiometric)
         patterns = shown.code.pattern_names(by.profile.projector.shape)
-        later = [name for name in patterns if not name.endswith(INVERSE)] if has_inverses(patterns) else [_AFTER]
-        self.names = ("white", *later)
+        pairs = [name for name in patterns if not name.endswith(INVERSE)]
+        self.names = ("white", *(pairs if has_inverses(patterns) else self._after()))
 
     def displacement_px(self, index: int) -> tuple[float, float]:
-        """To the right and down, against white; (0, 0) where a session of an earlier version has no white after."""
-        try:
-            light = self._light(self.names[index])
-        except SessionError:
-            return 0.0, 0.0
+        """To the right and down, against white."""
         white, most = self._reading.white.astype(np.float64), self._reading.saturation
-        return clear_shift_px(np.minimum(light, most), np.minimum(white, most))
+        return clear_shift_px(np.minimum(self._light(self.names[index]), most), np.minimum(white, most))
+
+    def _after(self) -> tuple[str, ...]:
+        """White after the patterns; sessions of earlier versions have none."""
+        try:
+            self._by.frame(_AFTER)
+        except SessionError:
+            return ()
+        return (_AFTER,)
 
     def _light(self, name: str) -> FloatArray:
         read = self._reading.read
-        if name == _AFTER:
+        if name in ("white", _AFTER):
             return read(self._by.frame(name)).astype(np.float64)
         both = (read(self._frame(one)).astype(np.float64) for one in (name, f"{name}{INVERSE}"))
         return np.asarray(sum(both) - self._reading.black)

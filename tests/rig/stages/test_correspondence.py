@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from calibration import CODES, CalibrationError, Pattern, PixelReason
 from calibration.radiometry.response import Response, linear_from_codes
+from rig.errors import SessionError
 from rig.plug_ins import find_code
 from rig.report.pictures import REASONS
 from rig.session import Session
@@ -192,6 +193,10 @@ def displaced(finished: "Finished") -> Callable[[int, float], CodePhotographs]:
     return photographs
 
 
+def _not_taken() -> NDArray[np.uint16]:
+    raise SessionError("there is no such frame")
+
+
 @pytest.mark.parametrize("pair", [0, 1, 9])
 def test_stripes_that_are_displaced_are_refused_and_the_first_of_them_named(
     displaced: Callable[[int, float], CodePhotographs], pair: int
@@ -220,6 +225,8 @@ def test_a_displacement_among_patterns_without_inverses_is_told_by_white_after_t
     frame = displaced(0, 1.5).frame
     by = replace(still, frame=lambda name: still.frame("black") if name == "column-00" else still.frame(name))
     assert read_standing(by, shown) is found
+    earlier = replace(by, frame=lambda name: _not_taken() if name == "white-after" else by.frame(name))
+    assert read_standing(earlier, shown) is found, "sessions of earlier versions have no white after"
     moved = replace(by, frame=lambda name: frame("white") if name == "white-after" else by.frame(name))
     with pytest.raises(CalibrationError, match=r"moved by \+1\.5 px .* between white and white-after"):
         read_standing(moved, shown)
