@@ -225,11 +225,11 @@ def planes_before_others(fit: BundleSolution, x1: FloatArray, x2: FloatArray) ->
     return np.asarray(order[behind[order] >= LEAST_BEHIND])
 
 
-def small_planes(fit: BundleSolution) -> IntArray:
-    """Return the planes of a fit that are small enough for furniture, the smallest first."""
+def small_planes(fit: BundleSolution, most: float = MOST_SLANTED) -> IntArray:
+    """Return the planes of a fit that are small enough for furniture, with at most a share, the smallest first."""
     share = np.bincount(fit.fit_label, minlength=len(fit.planes)) / len(fit.fit_label)
     order = np.argsort(share, kind="stable")
-    return np.asarray(order[share[order] <= MOST_SLANTED])
+    return np.asarray(order[share[order] <= most])
 
 
 def explains_a_room(fit: BundleSolution) -> bool:

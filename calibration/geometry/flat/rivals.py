@@ -32,6 +32,8 @@ _GROWN = 2
 """Times that planes are found anew: the second time with lenses that a wall more has fixed."""
 _FIRST_TO_GO = 2
 """Planes let go alone whose fits are gone on from with a second one: those that leave least over."""
+_MOST_NOT_FLAT = 0.2
+"""Of the points, on a plane that is none but the fronts of two things: each may have a tenth."""
 _NEARLY_SQUARE_DEG = 2.0
 """A plane that was left free and comes out so near to one of the room's directions may be a wall after all."""
 
@@ -143,7 +145,7 @@ class _Rivals:
 
     def without_a_small(self, fit: BundleSolution, why: CalibrationError | None) -> Iterator[BundleSolution]:
         """Yield a fit without a small plane that is not flat, furniture: fronts of two columns nearly in one plane."""
-        if isinstance(why, NotFlat) and why.plane in small_planes(fit):
+        if isinstance(why, NotFlat) and why.plane in small_planes(fit, _MOST_NOT_FLAT):
             stays = np.arange(len(fit.planes)) != why.plane
             fewer = fitted_to_some(*self._points, fit.with_some_planes(stays), self._nominal, weight=self._weight)
             if fewer is not None:

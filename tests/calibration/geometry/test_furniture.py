@@ -1,12 +1,14 @@
 """Furniture that is nearly square, or large, does not refuse a square room."""
 
 from dataclasses import dataclass
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from calibration.errors import CalibrationError
 from calibration.geometry.bundle_unknowns import PlanarScene
+from calibration.geometry.contradictions import NotFlat
 from calibration.geometry.flat import rivals
 from calibration.geometry.known.scale import scale_from_baseline
 from calibration.geometry.plane_bundle import Rounds, adjust
@@ -267,3 +269,15 @@ def test_two_columns_whose_fronts_lie_nearly_in_one_plane_are_no_curved_wall(roo
     pair = calibrate_stereo(*with_things(small, *fronts, step_px=1), small.nominal)
     assert sorted(pair.axes) == [0, 0, 1, 2], "floor, ceiling and two walls"
     assert pair.camera.focal_px[0] == pytest.approx(small.camera.focal_px, rel=0.004)
+
+
+@pytest.mark.parametrize(("share", "tried"), [(0.09, True), (0.124, True), (0.25, False)])
+def test_what_is_not_flat_is_left_out_on_trial_up_to_a_fifth_of_the_points(share, tried, monkeypatch):
+    """The fronts of two panels of random world 130006 lay nearly in one plane, with 0.124 of the points."""
+    n_points = 1000
+    label = np.repeat([0, 1, 2], [n_points // 2, n_points // 2 - round(share * n_points), round(share * n_points)])
+    fit = SimpleNamespace(planes=np.eye(3), fit_label=label, with_some_planes=lambda stays: stays)
+    monkeypatch.setattr(rivals, "fitted_to_some", lambda _x1, _x2, bundle, _nominal, *, weight: bundle)
+    points = np.zeros((1, 2))
+    found = list(rivals._Rivals(points, points, None, points).without_a_small(fit, NotFlat("it bends", 2)))
+    assert [stays.tolist() for stays in found] == ([[True, True, False]] if tried else [])
