@@ -227,14 +227,21 @@ def pixels_in(xy_px: FloatArray, shape: tuple[int, ...]) -> tuple[BoolArray, tup
     return inside, (row, column)
 
 
+def pixels_seen(
+    model: PinholeModel, points_m: FloatArray, shape: tuple[int, ...]
+) -> tuple[BoolArray, tuple[IntArray, IntArray]]:
+    """(N,) world points before a device and in its picture, and rows and columns of these."""
+    ahead = (points_m @ model.rotation.T + model.translation_m)[:, 2] > 0
+    xy_px = project(model, np.where(ahead[:, None], points_m, model.position_m + model.rotation[2]))
+    return pixels_in(np.where(ahead[:, None], xy_px, -1.0), shape)
+
+
 def values_seen(image: FloatArray, model: PinholeModel, points_m: FloatArray) -> FloatArray:
     """(N,) values of an image at the pixels in which a device has world points; NaN outside of it and behind."""
-    ahead = (points_m @ model.rotation.T + model.translation_m)[:, 2] > 0
-    xy = project(model, np.where(ahead[:, None], points_m, model.position_m + model.rotation[2]))
-    inside, at = pixels_in(xy, image.shape)
+    inside, at = pixels_seen(model, points_m, image.shape)
     values = np.full(len(points_m), np.nan)
     values[inside] = image[at]
-    return np.where(ahead, values, np.nan)
+    return values
 
 
 def rotation_of(vector: ArrayLike) -> FloatArray:

@@ -13,6 +13,7 @@ from calibration.errors import CalibrationError
 
 EDGE_PX = 3
 """Camera pixels beside the edge of a wall that do not tell its reflectance: a blur of 1.2 px reaches so far."""
+_BESIDE = np.ones((2 * EDGE_PX + 1,) * 2, dtype=np.uint8)
 
 _NEAR = 1e-6
 """Weight of a Gaussian's sum beyond which there are pixels near: five standard deviations away there are none."""
@@ -29,15 +30,13 @@ class PatchCounts(NamedTuple):
 
 def away_from_edges(face: NDArray[np.integer]) -> BoolArray:
     """Return (H, W) pixels into which the lens mixes no light of another face, of the face (H, W) that each sees."""
-    window = np.ones((2 * EDGE_PX + 1,) * 2, dtype=np.uint8)
     numbers = face.astype(np.float32)
-    return np.asarray(cv2.dilate(numbers, window) == cv2.erode(numbers, window))
+    return np.asarray(cv2.dilate(numbers, _BESIDE) == cv2.erode(numbers, _BESIDE))
 
 
 def beside_edges(face: NDArray[np.integer], whole: BoolArray) -> BoolArray:
     """Return (H, W) pixels as near to an edge of a wall, or to pixels that are not `whole`, as the lens mixes light."""
-    window = np.ones((2 * EDGE_PX + 1,) * 2, dtype=np.uint8)
-    near = cv2.erode(whole.astype(np.uint8), window, borderValue=1) == 0
+    near = cv2.erode(whole.astype(np.uint8), _BESIDE, borderValue=1) == 0
     return np.asarray(near | ~away_from_edges(face))
 
 
@@ -51,8 +50,7 @@ def beside_things(face: NDArray[np.integer], n_walls: int) -> BoolArray:
     n_walls : int
         How many of them are walls.
     """
-    window = np.ones((2 * EDGE_PX + 1,) * 2, dtype=np.uint8)
-    thing = cv2.dilate(((face < 0) | (face >= n_walls)).astype(np.uint8), window) > 0
+    thing = cv2.dilate(((face < 0) | (face >= n_walls)).astype(np.uint8), _BESIDE) > 0
     return np.asarray(thing & ~away_from_edges(face))
 
 

@@ -88,8 +88,7 @@ def stillness_verdicts(session: Session) -> tuple[Verdict, ...]:
 
 
 def _between(then: _White, now: _White) -> Displacement:
-    most = min(then.most, now.most)
-    x_px, y_px = clear_shift_px(np.minimum(now.light, most), np.minimum(then.light, most))
+    x_px, y_px = clear_shift_px(now.light, then.light, min(then.most, now.most))
     return Displacement(x_px=x_px, y_px=y_px, before=then.step, after=now.step)
 
 

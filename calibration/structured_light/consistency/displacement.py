@@ -80,19 +80,22 @@ def _slope(image: FloatArray, axis: int) -> FloatArray:
     return np.asarray((8 * near - far) / 12)
 
 
-def clear_shift_px(image: FloatArray, reference: FloatArray) -> tuple[float, float]:
+def clear_shift_px(image: FloatArray, reference: FloatArray, most: float = np.inf) -> tuple[float, float]:
     """Find a displacement that can be seen: of a bare wall there is none.
 
     Parameters
     ----------
     image, reference : (H, W)
         Photographs of one scene.
+    most : float
+        From here on both are taken as clipped.
 
     Returns
     -------
     (x, y)
         As :func:`shift_px`; 0 where that would not lay the photographs over each other. [px]
     """
+    image, reference = np.minimum(image, most), np.minimum(reference, most)
     if min(float(np.ptp(image)), float(np.ptp(reference))) == 0:
         return 0.0, 0.0
     x, y = shift_px(image, reference)

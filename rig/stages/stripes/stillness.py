@@ -96,8 +96,8 @@ class _Whites:
 
     def displacement_px(self, index: int) -> tuple[float, float]:
         """To the right and down, against white."""
-        white, most = self._reading.white.astype(np.float64), self._reading.saturation
-        return clear_shift_px(np.minimum(self._light(self.names[index]), most), np.minimum(white, most))
+        white = self._reading.white.astype(np.float64)
+        return clear_shift_px(self._light(self.names[index]), white, self._reading.saturation)
 
     def _after(self) -> tuple[str, ...]:
         """White after the patterns; sessions of earlier versions have none."""

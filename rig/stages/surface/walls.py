@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
-from calibration.geometry.pinhole import PinholeModel, project
+from calibration.geometry.pinhole import PinholeModel, pixels_seen
+from calibration.geometry.room import FACES
 from sim.geometry.scene import Scene
 
 FloatArray = NDArray[np.float64]
@@ -29,7 +30,6 @@ more off what compensated pictures are off there, for twice as many patches more
 _NEAR = 0.35
 """Of its own size, within which a patch that has something before it is cut: then none that is touched stays large, and
 neighbours differ by about a factor of two."""
-_FACES = (("x0", "x1"), ("y0", "y1"), ("floor", "ceiling"))
 _MOST_PATCHES = 2500
 """Of walls: where so much stands that there would be more, the finest are twice as large."""
 _NEIGHBOURS = 8
@@ -117,7 +117,7 @@ def seen_edges(
     size_m : (3,)
         Of the room. [m]
     faces : sequence of str
-        That there are: "x0", "x1", "y0", "y1", "floor", "ceiling".
+        Those of ``FACES`` that there are.
     devices : sequence of PinholeModel
     spacing_m : float
         Between points, at most. [m]
@@ -131,20 +131,14 @@ def seen_edges(
     for axis, beside in enumerate(((1, 2), (0, 2), (0, 1))):
         along = np.linspace(0, size_m[axis], 1 + int(np.ceil(size_m[axis] / spacing_m)))
         for ends in product((0, 1), repeat=2):
-            if all(_FACES[other][end] in faces for other, end in zip(beside, ends, strict=True)):
+            if all(FACES[2 * other + end] in faces for other, end in zip(beside, ends, strict=True)):
                 points = np.zeros((len(along), 3))
                 points[:, axis] = along
                 points[:, beside] = [size_m[other] * end for other, end in zip(beside, ends, strict=True)]
                 found.append(points)
     points = np.concatenate(found)
-    return points[np.all([_in_picture(device, points) for device in devices], axis=0)]
-
-
-def _in_picture(device: PinholeModel, points_m: FloatArray) -> NDArray[np.bool_]:
-    depth_m = points_m @ device.rotation[2] + device.translation_m[2]
-    x, y = project(device, points_m).T
-    inside = (x >= 0) & (x < device.width_px) & (y >= 0) & (y < device.height_px)
-    return np.asarray(inside & (depth_m > 0))
+    seen = [pixels_seen(device, points, (device.height_px, device.width_px))[0] for device in devices]
+    return points[np.all(seen, axis=0)]
 
 
 def finest_m(walls: Scene) -> float:
