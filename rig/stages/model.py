@@ -106,7 +106,11 @@ def model_settings(session: Session) -> JsonObject:
             if profile.surface.kind == "free"
             else {}
         ),
-        **({} if profile.surface.kind == "box" else {"alike": "walls; backs and fronts; things", "flat": "all told"}),
+        **(
+            {}
+            if profile.surface.kind == "box"
+            else {"alike": "walls; backs and fronts; things", "flat": "all told", "bent": "told by global light, too"}
+        ),
         "target_white_share": profile.brightness.target_white_share,
         "smoothing_share": SMOOTHING_SHARE,
         "least_pixels": LEAST_PIXELS,

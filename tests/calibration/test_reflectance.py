@@ -1,6 +1,6 @@
 """Inverse radiosity and vignetting against a room of finer patches, solved here by its own quadrature."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -200,6 +200,55 @@ def test_dark_things_in_a_room_do_not_make_its_unseen_walls_dark():
         )
         assert fit.flux == pytest.approx(FLUX, rel=0.03)
         assert abs(fit.flux - FLUX) < 2 * fit.flux_sigma
+
+
+@pytest.fixture(name="misjudged")
+def misjudged_slants():
+    """A room where every seventh lit patch gets 2.5 times the light that its slant says, and which these are."""
+    room = measured(1)
+    off = np.flatnonzero(np.isfinite(room.direct_over_irradiance) & np.isfinite(room.global_light))[::7]
+    factor = np.ones(len(room.irradiance))
+    factor[off] = 2.5
+    wrong = replace(
+        room, direct_over_irradiance=room.direct_over_irradiance * factor, irradiance=room.irradiance / factor
+    )
+    return wrong, off
+
+
+def test_where_a_patchs_slant_is_badly_known_global_light_tells_what_it_reflects(misjudged):
+    room, off = misjudged
+    error = np.zeros(len(room.irradiance))
+    error[off] = 1.0
+    arrays = room.direct_over_irradiance, room.global_light, room.irradiance, room.form_factors
+    believed, doubted = estimate_reflectance(*arrays), estimate_reflectance(*arrays, irradiance_error=error)
+    assert np.abs(believed.reflectance - room.reflectance)[off].mean() > 0.15
+    left = doubted.reflectance - room.reflectance
+    assert np.sqrt(np.mean(left[off] ** 2)) < 0.05
+    assert np.mean(np.abs(left[off]) < 3 * doubted.sigma[off]) > 0.95
+    assert doubted.flux == pytest.approx(FLUX, rel=0.03)
+    assert doubted.global_rms < 0.3 * believed.global_rms
+
+
+def test_a_patch_whose_slant_is_badly_known_sends_out_what_was_measured(misjudged):
+    room, off = misjudged
+    error = np.zeros(len(room.irradiance))
+    error[off] = 1.0
+    fit = estimate_reflectance(
+        room.direct_over_irradiance, room.global_light, room.irradiance, room.form_factors, irradiance_error=error
+    )
+    sent = fit.reflectance * fit.lit_part * fit.flux * room.irradiance
+    # 0.98 is the most that direct light is taken to tell
+    measured_light = np.minimum(room.direct_over_irradiance, 0.98 * fit.flux) * room.irradiance
+    assert sent[off] == pytest.approx(measured_light[off])
+    assert (np.delete(fit.lit_part, off) == 1).all()
+
+
+def test_without_doubt_of_slants_all_is_told_by_direct_light():
+    room = measured(1)
+    fit = fitted(room)
+    lit = fit.source == ReflectanceSource.DIRECT
+    assert fit.lit_part is None
+    assert fit.reflectance[lit] * fit.flux == pytest.approx(room.direct_over_irradiance[lit])
 
 
 def test_no_patch_both_lit_and_seen_is_refused():

@@ -15,6 +15,7 @@ from calibration.light.alike import Alike
 from calibration.light.open_wall import estimate_open_wall
 from calibration.light.reflectance import ReflectanceFit, arriving_light, estimate_reflectance
 from calibration.light.vignetting import Vignetting, fit_vignetting
+from calibration.surfaces.bends import slant_errors
 from rig.stages.correspondence import only
 from rig.stages.geometry import GeometryRecord, Point
 from rig.stages.light.between_patches import seen_from
@@ -228,6 +229,7 @@ def fit_reflectance(
         wall=scene.region,
         seen_from=seen_from(scene, hits, lit_flat | dark),
         alike=geometry.alike,
+        irradiance_error=_slant_errors(scene, projector),
     )
     fit = solve(per_lit, irradiance=irradiance)
     if not isinstance(scene, Scene):
@@ -246,6 +248,13 @@ def fit_reflectance(
     # What a patch sends out of the projector's light, its lit part reflects; of all other light, the whole of it.
     whole = solve(found.whole, irradiance=irradiance * found.lit_part)
     return with_unseen_parts(whole, found, scene.region)
+
+
+def _slant_errors(scene: AnyScene, projector: PosedLens) -> FloatArray | None:
+    """(P,) relative, of irradiance; None of walls alone, which are flat."""
+    if isinstance(scene, Scene):
+        return None
+    return slant_errors(scene.topology.corner, scene.normals, projector.pose.position_m - scene.centres, scene.region)
 
 
 def _needed_pixels(scene: AnyScene, least_pixels: int) -> NDArray[np.intp]:

@@ -73,7 +73,8 @@ class BandModel(Record):
     returned_share: float = 0.0
     """Of one wall's mean radiosity, what an open room sends back, evenly; 0 where walls light each other."""
     lit_part: tuple[float, ...] = ()
-    """Reflectance of each patch's lit part over the whole patch's; (): all alike."""
+    """Reflectance of each patch's lit part over the whole patch's, or by how much more light it gets of the projector
+    than its slant says; (): all alike."""
     reflectance_sigma: float = 0.0
     """Standard deviation of the reflectance of patches that are lit and seen, root mean square; 0 in older sessions."""
 
