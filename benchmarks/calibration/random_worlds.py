@@ -3,6 +3,7 @@
     python benchmarks/calibration/random_worlds.py --worlds 20 --seed 1
     python benchmarks/calibration/random_worlds.py --worlds 6 --keep FOLDER     # sessions stay, to be looked at
     python benchmarks/calibration/random_worlds.py --write FOLDER --worlds 5    # only profiles and meshes
+    python benchmarks/calibration/random_worlds.py --odd --worlds 14 --seed 500 # shelves, beams, sofas, people, rings
 
 Rooms of 4 to 6 m, 2.4 to 3 m high, matte walls of 0.55 to 0.8; boxes, tables, columns, panels, round columns, vases and
 domes of 0.2 to 0.8, that stand apart from each other in the part of the room at which the rig looks. The rig is that of
@@ -16,106 +17,24 @@ import json
 import re
 import sys
 import tempfile
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.devices.simulated.worlds.shapes import Point, block, moved, quad, room, sheet, turned
+from rig.devices.simulated.worlds.shapes import Point, room
 
 sys.path.insert(0, str(Path(__file__).parent))
+from odd_things import placed_oddly
 from random_rigs import run
 from rig_figures import RigOutcome, as_json, table
+from world_things import placed
 
 FloatArray = NDArray[np.float64]
 
 PROFILE = Path(__file__).parents[2] / "hw_profiles" / "sim-furnished.toml"
-_APART_M = 0.15
-"""Between two things: closer ones are one to a camera of 320 pixels."""
-_FROM_WALL_M = 0.05
-_TRIES = 200
-
-
-@dataclass(frozen=True)
-class Thing:
-    """What stands in a room: its triangles about the origin, and the circle that it needs."""
-
-    kind: str
-    triangles_m: FloatArray
-    radius_m: float
-
-
-def _box(random: np.random.Generator, _height_m: float) -> Thing:
-    x, y, z = random.uniform(0.3, 0.8, 3) * (1, 1, 1.5)
-    shape = block((0, 0), (x, y, z), turn_deg=random.uniform(0, 90))
-    return Thing("box", shape, float(np.hypot(x, y) / 2))
-
-
-def _column(random: np.random.Generator, height_m: float) -> Thing:
-    x, y = random.uniform(0.2, 0.5, 2)
-    return Thing("column", block((0, 0), (x, y, height_m), turn_deg=random.uniform(0, 90)), float(np.hypot(x, y) / 2))
-
-
-def _table(random: np.random.Generator, _height_m: float) -> Thing:
-    x, y, z = random.uniform((0.7, 0.5, 0.5), (1.3, 0.9, 0.9))
-    legs = [block((a, b), (0.06, 0.06, z)) for a in (0.1 - x / 2, x / 2 - 0.1) for b in (0.1 - y / 2, y / 2 - 0.1)]
-    shape = np.concatenate([block((0, 0), (x, y, 0.04), bottom_m=z), *legs])
-    return Thing("table", turned(shape, random.uniform(0, 90)), float(np.hypot(x, y) / 2))
-
-
-def _panel(random: np.random.Generator, height_m: float) -> Thing:
-    """An upright screen that faces the rig more or less."""
-    width, high = random.uniform(0.6, 1.4), random.uniform(0.4, 0.7) * height_m
-    flat = quad((0, width / 2, 0), (0, -width, 0), (0, 0, high))
-    lifted = moved(turned(flat, 45 + random.uniform(-35, 35)), (0, 0, random.uniform(0.05, 0.2) * height_m))
-    return Thing("panel", lifted, width / 2)
-
-
-def _round_column(random: np.random.Generator, height_m: float) -> Thing:
-    radius = random.uniform(0.15, 0.4)
-
-    def place(angle: FloatArray, height: FloatArray) -> FloatArray:
-        return np.stack([radius * np.cos(angle), radius * np.sin(angle), height], axis=-1)
-
-    return Thing(
-        "round column", sheet(place, np.linspace(0, 2 * np.pi, 41), np.linspace(0, height_m, 7)), float(radius)
-    )
-
-
-def _vase(random: np.random.Generator, height_m: float) -> Thing:
-    heights, radii = np.linspace(0, 1, 7), np.append(random.uniform(0.15, 0.45, 6), 0.0)
-    high = random.uniform(0.5, 0.85) * height_m
-
-    def place(angle: FloatArray, height: FloatArray) -> FloatArray:
-        radius = np.interp(height, heights, radii)
-        return np.stack([radius * np.cos(angle), radius * np.sin(angle), high * height], axis=-1)
-
-    shape = sheet(place, np.linspace(0, 2 * np.pi, 37), np.linspace(0, 1, 25))
-    return Thing("vase", shape, float(radii.max()))
-
-
-def _dome(random: np.random.Generator, _height_m: float) -> Thing:
-    radius = random.uniform(0.3, 0.8)
-
-    def place(angle: FloatArray, elevation: FloatArray) -> FloatArray:
-        around = radius * np.cos(elevation)
-        return np.stack([around * np.cos(angle), around * np.sin(angle), radius * np.sin(elevation)], axis=-1)
-
-    shape = sheet(place, np.linspace(0, 2 * np.pi, 41), np.linspace(0, np.pi / 2, 13))
-    return Thing("dome", shape, float(radius))
-
-
-THINGS: tuple[Callable[[np.random.Generator, float], Thing], ...] = (
-    _box,
-    _column,
-    _table,
-    _panel,
-    _round_column,
-    _vase,
-    _dome,
-)
 
 
 @dataclass(frozen=True)
@@ -129,38 +48,21 @@ class World:
     kinds: tuple[str, ...]
 
 
-def world_of(seed: int) -> World:
-    """Return a random world."""
+def world_of(seed: int, *, odd: bool = False) -> World:
+    """Return a random world, with things that stand apart, or oddly."""
     random = np.random.default_rng([seed, 16])
     size_m = tuple(random.uniform((4.0, 4.0, 2.4), (6.0, 6.0, 3.0)).round(2).tolist())
-    placed = _placed(random, size_m)
+    things = (placed_oddly if odd else placed)(random, size_m)
     parts = dict(room(size_m)) | {
-        f"{thing.kind}-{k}".replace(" ", "-"): thing.triangles_m for k, thing in enumerate(placed)
+        f"{thing.kind}-{k}".replace(" ", "-"): thing.triangles_m for k, thing in enumerate(things)
     }
     wall = random.uniform(0.55, 0.8)
     colours = {
         name: float(random.uniform(0.2, 0.8) if "-" in name else np.clip(wall + random.normal(0, 0.04), 0.45, 0.85))
         for name in parts
     }
-    kinds = tuple(thing.kind for thing in placed)
+    kinds = tuple(thing.kind for thing in things)
     return World(parts, colours, _profile(random, seed, size_m, colours), kinds)
-
-
-def _placed(random: np.random.Generator, size_m: Point) -> list[Thing]:
-    """One to five things in the half of the room that the rig looks at."""
-    things: list[Thing] = []
-    circles: list[tuple[FloatArray, float]] = []
-    for _ in range(int(random.integers(1, 6))):
-        thing = THINGS[random.integers(len(THINGS))](random, size_m[2])
-        for _ in range(_TRIES):
-            at = random.uniform(0.42, 0.95, 2) * size_m[:2]
-            margin = thing.radius_m + _FROM_WALL_M
-            free = all(np.linalg.norm(at - where) > thing.radius_m + radius + _APART_M for where, radius in circles)
-            if free and (at + margin < size_m[:2]).all():
-                circles.append((at, thing.radius_m))
-                things.append(Thing(thing.kind, moved(thing.triangles_m, (at[0], at[1], 0.0)), thing.radius_m))
-                break
-    return things
 
 
 def _profile(random: np.random.Generator, seed: int, size_m: Point, reflectance: Mapping[str, float]) -> str:
@@ -225,9 +127,9 @@ def _materials(reflectance: Mapping[str, float]) -> str:
     return "\n".join(tables) + "\n"
 
 
-def write(folder: Path, seed: int) -> Path:
+def write(folder: Path, seed: int, world: World) -> Path:
     """Write a world's profile and mesh; return the profile."""
-    world, name = world_of(seed), f"random-world-{seed}"
+    name = f"random-world-{seed}"
     # Without a library of materials their names are lost.
     colours = (f"newmtl {part}\nKd {rho:.3f} {rho:.3f} {rho:.3f}\n" for part, rho in world.reflectance.items())
     (folder / f"{name}.mtl").write_text("".join(colours), encoding="utf-8")
@@ -248,6 +150,9 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--worlds", type=int, default=20)
     parser.add_argument("--seed", type=int, default=1, help="of the first world; the others follow")
+    parser.add_argument(
+        "--odd", action="store_true", help="things on walls, under ceilings, in corners, thin or tilted"
+    )
     parser.add_argument("--write", type=Path, help="only write profiles and meshes there")
     parser.add_argument("--keep", type=Path, help="keep the sessions there")
     parser.add_argument("--json", type=Path, help="all results")
@@ -256,22 +161,23 @@ def main() -> int:
         folder = wanted.write or wanted.keep or Path(scratch)
         folder.mkdir(parents=True, exist_ok=True)
         seeds = range(wanted.seed, wanted.seed + wanted.worlds)
-        profiles = {seed: write(folder, seed) for seed in seeds}
+        worlds = {seed: world_of(seed, odd=wanted.odd) for seed in seeds}
+        profiles = {seed: write(folder, seed, world) for seed, world in worlds.items()}
         if wanted.write:
             return 0
         found: list[RigOutcome] = []
         for seed, profile in profiles.items():
             found.append(run(profile, profile.with_suffix(""), ("none", "bounded"), oracle=False))
-            print(_line(seed, found[-1]), flush=True)
+            print(_line(seed, worlds[seed].kinds, found[-1]), flush=True)
             if wanted.json:
                 wanted.json.write_text(json.dumps(as_json(found), indent=1), encoding="utf-8")
     print(table(found))
     return 0
 
 
-def _line(seed: int, found: RigOutcome) -> str:
+def _line(seed: int, in_it: tuple[str, ...], found: RigOutcome) -> str:
     """One world: what is in it, and how its session ended."""
-    kinds, took = ", ".join(world_of(seed).kinds), f"{found.processor_s:.0f} s"
+    kinds, took = ", ".join(in_it), f"{found.processor_s:.0f} s"
     if not found.figures:
         return f"{seed:3} ({kinds}; {took}): refused, exit {found.status}: {found.said}"
     rms, noise = found.figures["rmse"], found.figures["noise_rms"]
