@@ -249,8 +249,10 @@ class _Room:
 
     @cached_property
     def fitted(self) -> BoolArray:
-        """(P,) patches whose global light is held against the model."""
-        return np.asarray(self.lit & self.seen & (self.global_light > 0) & (self.by_global < _MOSTLY))
+        """(P,) patches whose global light is held against the model; all that are lit and seen where none is flat."""
+        told = self.lit & self.seen & (self.global_light > 0)
+        by_direct = told & (self.by_global < _MOSTLY)
+        return np.asarray(by_direct if by_direct.any() else told)
 
     @cached_property
     def global_only(self) -> BoolArray:

@@ -243,6 +243,15 @@ def test_a_patch_whose_slant_is_badly_known_sends_out_what_was_measured(misjudge
     assert (np.delete(fit.lit_part, off) == 1).all()
 
 
+def test_where_all_that_is_lit_bends_the_flux_is_still_told_and_known_badly():
+    room = measured(1)
+    arrays = room.direct_over_irradiance, room.global_light, room.irradiance, room.form_factors
+    fit = estimate_reflectance(*arrays, irradiance_error=np.ones(len(room.irradiance)))
+    assert np.isfinite(fit.global_rms)
+    assert abs(fit.flux - FLUX) < 3 * fit.flux_sigma
+    assert fit.flux_sigma > 2 * fitted(room).flux_sigma
+
+
 def test_without_doubt_of_slants_all_is_told_by_direct_light():
     room = measured(1)
     fit = fitted(room)
