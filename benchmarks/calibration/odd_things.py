@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 import trimesh
-from world_things import APART_M, FROM_WALL_M, TRIES, Builder, FloatArray, Thing
+from world_things import Builder, FloatArray, Thing, standing_apart
 
 from rig.devices.simulated.worlds.shapes import Point, block, moved, turned
 
@@ -159,15 +159,8 @@ def placed_oddly(random: np.random.Generator, size_m: Point) -> list[Thing]:
     keeps_away = fixed.triangles_m is not None and fixed.kind not in ("wedge", "beam", "shelf")
     most = np.array(size_m[:2]) - (_BEFORE_WALLS_M if keeps_away else 0.0)
     corner = fixed.triangles_m.reshape(-1, 3).min(axis=0)[:2] if fixed.kind == "corner block" else np.full(2, np.inf)
-    circles: list[tuple[FloatArray, float]] = []
-    for _ in range(count):
-        thing = ODD_THINGS[random.integers(len(ODD_THINGS))](random, size_m[2])
-        for _ in range(TRIES):
-            at = random.uniform(0.42, 0.95, 2) * size_m[:2]
-            margin = thing.radius_m + FROM_WALL_M
-            free = all(np.linalg.norm(at - where) > thing.radius_m + radius + APART_M for where, radius in circles)
-            if free and (at + margin < most).all() and not (at + margin > corner - 0.1).all():
-                circles.append((at, thing.radius_m))
-                things.append(Thing(thing.kind, moved(thing.triangles_m, (at[0], at[1], 0.0)), thing.radius_m))
-                break
-    return things
+
+    def free_of_room(at: FloatArray, radius_m: float) -> bool:
+        return bool((at + radius_m < most).all() and not (at + radius_m > corner - 0.1).all())
+
+    return things + standing_apart(random, size_m, ODD_THINGS, count, free_of_room)

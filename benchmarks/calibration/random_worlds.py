@@ -22,7 +22,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rig.devices.simulated.worlds.shapes import Point, room
 
@@ -30,9 +29,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 from odd_things import placed_oddly
 from random_rigs import run
 from rig_figures import RigOutcome, as_json, table
-from world_things import placed
-
-FloatArray = NDArray[np.float64]
+from world_things import FloatArray, placed
 
 PROFILE = Path(__file__).parents[2] / "hw_profiles" / "sim-furnished.toml"
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,10 +12,10 @@ from rig.devices.simulated.worlds.shapes import Point, block, moved, quad, sheet
 
 FloatArray = NDArray[np.float64]
 
-APART_M = 0.15
+_APART_M = 0.15
 """Between two things: closer ones are one to a camera of 320 pixels."""
-FROM_WALL_M = 0.05
-TRIES = 200
+_FROM_WALL_M = 0.05
+_TRIES = 200
 
 
 @dataclass(frozen=True)
@@ -101,18 +101,29 @@ THINGS: tuple[Builder, ...] = (
 )
 
 
-def placed(random: np.random.Generator, size_m: Point) -> list[Thing]:
-    """One to five things in the half of the room that the rig looks at."""
+Free = Callable[[FloatArray, float], bool]
+"""Whether a thing may stand at a place (2,), which needs a circle of some radius. [m]"""
+
+
+def standing_apart(
+    random: np.random.Generator, size_m: Point, builders: Sequence[Builder], count: int, free_of_room: Free
+) -> list[Thing]:
+    """So many things, or as many as find a place, in the half of the room that the rig looks at."""
     things: list[Thing] = []
     circles: list[tuple[FloatArray, float]] = []
-    for _ in range(int(random.integers(1, 6))):
-        thing = THINGS[random.integers(len(THINGS))](random, size_m[2])
-        for _ in range(TRIES):
+    for _ in range(count):
+        thing = builders[int(random.integers(len(builders)))](random, size_m[2])
+        for _ in range(_TRIES):
             at = random.uniform(0.42, 0.95, 2) * size_m[:2]
-            margin = thing.radius_m + FROM_WALL_M
-            free = all(np.linalg.norm(at - where) > thing.radius_m + radius + APART_M for where, radius in circles)
-            if free and (at + margin < size_m[:2]).all():
+            free = all(np.linalg.norm(at - where) > thing.radius_m + radius + _APART_M for where, radius in circles)
+            if free and free_of_room(at, thing.radius_m + _FROM_WALL_M):
                 circles.append((at, thing.radius_m))
                 things.append(Thing(thing.kind, moved(thing.triangles_m, (at[0], at[1], 0.0)), thing.radius_m))
                 break
     return things
+
+
+def placed(random: np.random.Generator, size_m: Point) -> list[Thing]:
+    """One to five things."""
+    count = int(random.integers(1, 6))
+    return standing_apart(random, size_m, THINGS, count, lambda at, radius_m: bool((at + radius_m < size_m[:2]).all()))

@@ -250,9 +250,13 @@ class _Room:
     @cached_property
     def fitted(self) -> BoolArray:
         """(P,) patches whose global light is held against the model; all that are lit and seen where none is flat."""
-        told = self.lit & self.seen & (self.global_light > 0)
-        by_direct = told & (self.by_global < _MOSTLY)
-        return np.asarray(by_direct if by_direct.any() else told)
+        by_direct = self.told_twice & (self.by_global < _MOSTLY)
+        return np.asarray(by_direct if by_direct.any() else self.told_twice)
+
+    @cached_property
+    def told_twice(self) -> BoolArray:
+        """(P,) patches of which direct and global light tell."""
+        return np.asarray(self.lit & self.seen & (self.global_light > 0))
 
     @cached_property
     def global_only(self) -> BoolArray:
@@ -261,9 +265,8 @@ class _Room:
     @cached_property
     def by_global(self) -> FloatArray:
         """(P,) how much of a reflectance's logarithm global light tells: by the inverse of variances."""
-        known = self.lit & self.seen & (self.global_light > 0)
         share = self.irradiance_error**2 / (self.irradiance_error**2 + _GLOBAL_ALONE**2)
-        return np.where(known, share, self.global_only)
+        return np.where(self.told_twice, share, self.global_only)
 
     def residual(self, z: FloatArray) -> FloatArray:
         return self.residual_of(z, *self.solve(z))
@@ -291,6 +294,12 @@ class _Room:
         return np.asarray(np.log(self.global_light[self.fitted] / np.maximum(modelled, 1e-12)))
 
     @cached_property
+    def _asked(self) -> tuple[NDArray[np.intp], FloatArray | csr_array]:
+        """(A,) numbers of the patches of which global light tells, and (A, P) rows of `seen_from`."""
+        asked = np.flatnonzero(self.by_global > 0)
+        return asked, self.seen_from[asked]
+
+    @cached_property
     def _settled(self) -> dict[str, FloatArray]:
         """(P,) F B of the room solved last, from which the light of the next one, nearly the same, settles sooner."""
         return {}
@@ -303,15 +312,17 @@ class _Room:
     def solve_all(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
         """(P, K) the same of K columns of unknowns: one product of matrices costs far less than K with vectors."""
         flux = np.exp(z[0])
-        lit, by_global, global_light = (each[:, None] for each in (self.lit, self.by_global, self.global_light))
-        rho = direct = self.told_first(z)
+        lit, (asked, seen_from) = self.lit[:, None], self._asked
+        by_global, global_light = self.by_global[asked, None], self.global_light[asked, None]
+        direct = self.told_first(z)
+        rho = direct.copy()
         lighting = flux * self.irradiance[:, None]
         arriving = self._settled["FB"][:, None] if self._settled else self.form_factors @ (_FIRST * rho * lighting)
         for _ in range(_ITERATIONS):
-            if self.by_global.any():
-                own = global_light / np.maximum(self.seen_from @ arriving, 1e-12)
+            if len(asked):
+                own = global_light / np.maximum(seen_from @ arriving, 1e-12)
                 own = np.clip(own, LEAST_REFLECTANCE, MOST_REFLECTANCE)
-                rho = direct * (own / direct) ** by_global
+                rho[asked] = direct[asked] * (own / direct[asked]) ** by_global
             # what a lit patch sends out of the projector's light was measured, whatever its slant
             radiosity = np.where(lit, direct, rho) * lighting + rho * arriving
             before, arriving = arriving, self.form_factors @ radiosity

@@ -204,7 +204,7 @@ def test_dark_things_in_a_room_do_not_make_its_unseen_walls_dark():
 
 @pytest.fixture(name="misjudged")
 def misjudged_slants():
-    """A room where every seventh lit patch gets 2.5 times the light that its slant says, and which these are."""
+    """A room where every seventh lit patch gets 2.5 times the light that its slant says, which, and what is doubted."""
     room = measured(1)
     off = np.flatnonzero(np.isfinite(room.direct_over_irradiance) & np.isfinite(room.global_light))[::7]
     factor = np.ones(len(room.irradiance))
@@ -212,13 +212,11 @@ def misjudged_slants():
     wrong = replace(
         room, direct_over_irradiance=room.direct_over_irradiance * factor, irradiance=room.irradiance / factor
     )
-    return wrong, off
+    return wrong, off, np.where(factor > 1, 1.0, 0.0)
 
 
 def test_where_a_patchs_slant_is_badly_known_global_light_tells_what_it_reflects(misjudged):
-    room, off = misjudged
-    error = np.zeros(len(room.irradiance))
-    error[off] = 1.0
+    room, off, error = misjudged
     arrays = room.direct_over_irradiance, room.global_light, room.irradiance, room.form_factors
     believed, doubted = estimate_reflectance(*arrays), estimate_reflectance(*arrays, irradiance_error=error)
     assert np.abs(believed.reflectance - room.reflectance)[off].mean() > 0.15
@@ -230,9 +228,7 @@ def test_where_a_patchs_slant_is_badly_known_global_light_tells_what_it_reflects
 
 
 def test_a_patch_whose_slant_is_badly_known_sends_out_what_was_measured(misjudged):
-    room, off = misjudged
-    error = np.zeros(len(room.irradiance))
-    error[off] = 1.0
+    room, off, error = misjudged
     fit = estimate_reflectance(
         room.direct_over_irradiance, room.global_light, room.irradiance, room.form_factors, irradiance_error=error
     )

@@ -81,6 +81,15 @@ class BareRoom:
         """Of the scene: the same in all bands of light."""
         return factors_of(self.scene)
 
+    @cached_property
+    def slant_errors(self) -> FloatArray | None:
+        """(P,) relative, of irradiance: the same in all bands of light; None of walls alone, which are flat."""
+        scene = self.scene
+        if isinstance(scene, Scene):
+            return None
+        towards_m = self.projector.pose.position_m - scene.centres
+        return slant_errors(scene.topology.corner, scene.normals, towards_m, scene.region)
+
     def with_vignetting(self, vignetting: Vignetting) -> BareRoom:
         """Return the room with both lenses' vignetting."""
         camera = replace(self.camera, vignetting=vignetting.camera)
@@ -229,7 +238,7 @@ def fit_reflectance(
         wall=scene.region,
         seen_from=seen_from(scene, hits, lit_flat | dark),
         alike=geometry.alike,
-        irradiance_error=_slant_errors(scene, projector),
+        irradiance_error=geometry.slant_errors,
     )
     fit = solve(per_lit, irradiance=irradiance)
     if not isinstance(scene, Scene):
@@ -248,13 +257,6 @@ def fit_reflectance(
     # What a patch sends out of the projector's light, its lit part reflects; of all other light, the whole of it.
     whole = solve(found.whole, irradiance=irradiance * found.lit_part)
     return with_unseen_parts(whole, found, scene.region)
-
-
-def _slant_errors(scene: AnyScene, projector: PosedLens) -> FloatArray | None:
-    """(P,) relative, of irradiance; None of walls alone, which are flat."""
-    if isinstance(scene, Scene):
-        return None
-    return slant_errors(scene.topology.corner, scene.normals, projector.pose.position_m - scene.centres, scene.region)
 
 
 def _needed_pixels(scene: AnyScene, least_pixels: int) -> NDArray[np.intp]:
