@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -21,7 +22,13 @@ from numpy.typing import ArrayLike
 from calibration.arrays import FloatArray, IntArray
 from calibration.errors import CalibrationError
 from calibration.radiometry.flicker import InStep
-from calibration.radiometry.light_change import ChangeSpread, likeliest_change
+from calibration.radiometry.light_change import (
+    MOST_CHANGE,
+    ChangeSpread,
+    likeliest_change,
+    refuse_changes,
+    rms_change,
+)
 from calibration.radiometry.light_groups import USABLE, LightBesides, LightGroups, grouped_by_light
 from calibration.radiometry.response import Response
 from calibration.radiometry.tone_curve import FAMILIES, KNOTS, CurveBend, Family, ToneCurve, shoulder, tone_curve
@@ -30,26 +37,25 @@ _BLACK_SIGMA_DN = 0.05
 """Of the black level, where nothing else is said."""
 _USUAL_CHANGE = 0.01
 """Of light between frames: how probable larger ones are held to be falls by e with each step of this size."""
-_MOST_CHANGE = 0.10
-"""Of light between frames, rms; flicker of the brightest room lights stays below."""
 _GAMMAS = (0.33, 3.6)
 """Local gamma of cameras, median over the measured levels: 0.4 to 3, with a margin."""
-_MOST_REPEATED = 0.03
-"""Of light between exposures, rms, beyond what repeats of one exposure differ by: auto tone mapping that bends by a
-gamma of 1.5 from the shortest exposure to the longest gives 0.04, mains light at most 0.015."""
 _MOST_LEFT = 0.02
 """Of full scale, rms: what may be left when one curve is laid through all frames."""
 _ROUNDS, _STILL = 25, 1e-5
 _FIRST_CHANGE = len(KNOTS) + 1 + 4
 """Of the unknowns but light: after the curve, black and the swell."""
+_MOST_ASIDE = 0.9
+"""Of its light, by which a pixel is held to differ from its group's: nothing is darker than black."""
 _STEEPEST = 2.5
 """Of log local gamma, on the way to the solution: 12, and 1 / 12."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _State:
-    """Unknowns of the fit."""
+    """Unknowns of the fit, and the standard that they are beside."""
 
+    standard: FloatArray
+    """(P,)"""
     log_gamma: FloatArray
     """(J,)"""
     black: float
@@ -61,6 +67,11 @@ class _State:
     log_light: FloatArray
     """(G,)"""
 
+    @cached_property
+    def curve(self) -> ToneCurve:
+        """What local gamma and standard make."""
+        return tone_curve(self.log_gamma, self.standard)
+
     @property
     def curve_part(self) -> FloatArray:
         """(P,) all unknowns but light, in the order of the fields."""
@@ -69,7 +80,8 @@ class _State:
     def moved(self, by: FloatArray, light_by: FloatArray) -> _State:
         """With all unknowns changed."""
         j = len(self.log_gamma)
-        return _State(
+        return replace(
+            self,
             log_gamma=np.clip(self.log_gamma + by[:j], -_STEEPEST, _STEEPEST),
             black=self.black + float(by[j]),
             swell=self.swell + by[j + 1 : _FIRST_CHANGE],
@@ -93,16 +105,7 @@ class _Solution:
     @property
     def light_change(self) -> float:
         """Of light between frames, rms."""
-        return float(np.sqrt(np.mean(self.state.change**2)))
-
-    def repeated_change(self, log_time: FloatArray) -> float:
-        """Of light between exposures, rms, as far as it comes again with each repeat; 0 without repeats."""
-        times, which, counts = np.unique(log_time, return_inverse=True, return_counts=True)
-        if len(times) == len(log_time):
-            return 0.0
-        means = np.bincount(which, self.state.change) / counts
-        scatter = float(((self.state.change - means[which]) ** 2).sum() / (len(log_time) - len(times)))
-        return float(np.sqrt(max(float(np.mean(means**2)) - scatter / counts.mean(), 0.0)))
+        return rms_change(self.state.change)
 
     @property
     def left(self) -> float:
@@ -165,19 +168,19 @@ def fit_camera_response(
     groups = grouped_by_light(np.asarray(levels, np.float64), times, full_scale_dn, room, black_dn=black_dn)
     in_step = InStep.unknown(black_sigma_dn) if room is None else room.in_step
     _refuse_few(groups)
-    start = _start(groups)
-    found = [one for family in FAMILIES for one in _solutions(groups, family, start, in_step.precision(full_scale_dn))]
-    sound = [one for one in found if one.light_change <= _MOST_CHANGE and one.left <= _MOST_LEFT] or found
+    found = [one for family in FAMILIES for one in _solutions(groups, family, in_step.precision(full_scale_dn))]
+    sound = [one for one in found if one.light_change <= MOST_CHANGE and one.left <= _MOST_LEFT] or found
     best = max(sound, key=lambda one: one.log_evidence)
     _refuse_changes(groups, best)
     return _response(best, sound, full_scale_dn)
 
 
-def _solutions(groups: LightGroups, family: Family, start: _State, of_black: FloatArray) -> Iterator[_Solution]:
+def _solutions(groups: LightGroups, family: Family, of_black: FloatArray) -> Iterator[_Solution]:
     """Solve for each candidate of a family, begun where the one before ended.
 
     Some bend may explain a curve worse than none, and more bend best: no family is left before its end.
     """
+    start = _start(groups, family[0].standard)
     for candidate in family:
         found = _solved(groups, candidate, start, of_black)
         start = found.state
@@ -194,17 +197,18 @@ def _refuse_few(groups: LightGroups) -> None:
         )
 
 
-def _start(groups: LightGroups) -> _State:
-    """A power law, by how fast levels rise with exposure."""
-    log_y = np.where(groups.usable, np.log(np.maximum(groups.y, 1e-6)), np.nan)
+def _start(groups: LightGroups, standard: FloatArray) -> _State:
+    """A power law beside a standard, by how fast levels rise with exposure."""
+    y, flat = np.maximum(groups.y, 1e-6), np.zeros(len(KNOTS))
+    log_y = np.where(groups.usable, tone_curve(flat, standard).log_light_of(y), np.nan)
     time = np.where(groups.usable, groups.log_time[:, None], np.nan)
     off_y, off_time = (v - np.nanmean(v, axis=0) for v in (log_y, time))
     gamma = np.clip(np.nansum(off_time**2) / max(np.nansum(off_time * off_y), 1e-9), 0.1, 10.0)
-    log_gamma = np.full(len(KNOTS), np.log(gamma))
-    light = tone_curve(log_gamma).log_light_of(np.maximum(groups.y, 1e-6))
+    log_gamma = flat + np.log(gamma)
+    light = tone_curve(log_gamma, standard).log_light_of(y)
     log_light = np.average(light - groups.log_time[:, None], axis=0, weights=np.where(groups.usable, 1.0, 1e-9))
-    change = np.zeros(len(groups.log_time))
-    return _State(log_gamma=log_gamma, black=0.0, swell=np.zeros(4), change=change, log_light=log_light)
+    change, swell = np.zeros(len(groups.log_time)), np.zeros(4)
+    return _State(standard=standard, log_gamma=log_gamma, black=0.0, swell=swell, change=change, log_light=log_light)
 
 
 def _solved(groups: LightGroups, candidate: CurveBend, start: _State, of_black: FloatArray) -> _Solution:
@@ -237,7 +241,7 @@ def _judged(state: _State, groups: LightGroups, precision: FloatArray, change_si
     log_volume = 0.5 * np.linalg.slogdet(posterior)[1] + 0.5 * np.log(normal.by_light).sum()
     return _Solution(
         state=state,
-        curve=tone_curve(state.log_gamma),
+        curve=state.curve,
         covariance=np.asarray(np.linalg.inv(posterior)),
         residual=_residual(groups, state),
         log_evidence=float(log_likelihood + log_prior - log_volume),
@@ -277,7 +281,7 @@ class _NormalEquations:
 
 
 def _normal_equations(groups: LightGroups, state: _State) -> _NormalEquations:
-    curve = tone_curve(state.log_gamma)
+    curve = state.curve
     log_y = curve.log_level_of(_log_light(groups, state, curve))
     gamma, by_knots = curve.derivatives_at(log_y)
     y = np.exp(log_y)
@@ -308,16 +312,28 @@ def _log_light(groups: LightGroups, state: _State, curve: ToneCurve) -> FloatArr
 
 def _room_share(groups: LightGroups, state: _State, curve: ToneCurve) -> FloatArray:
     """(G,) of each group's light, what is the room's and may swell."""
-    return np.where(groups.dark > 0, np.minimum(np.exp(curve.log_light_of(groups.dark) - state.log_light), 1.0), 0.0)
+    log_share = np.minimum(curve.log_light_of(groups.dark) - state.log_light, 0.0)
+    return np.where(groups.dark > 0, np.exp(log_share), 0.0)
 
 
 def _residual(groups: LightGroups, state: _State) -> FloatArray:
     """(F, G) levels that are not explained, share of full scale; NaN where a group does not count."""
-    curve = tone_curve(state.log_gamma)
-    log_y = curve.log_level_of(_log_light(groups, state, curve))
-    y, gamma = np.exp(log_y), curve.gamma_at(log_y)
-    bent = (1 - gamma) / y * groups.bent
-    return np.where(groups.usable, groups.y - y - bent - state.black * (1 - y), np.nan)
+    y = _mean_levels(groups, state)
+    return np.where(groups.usable, groups.y - y - state.black * (1 - y), np.nan)
+
+
+def _mean_levels(groups: LightGroups, state: _State) -> FloatArray:
+    """(F, G) what the levels of pixels are in the mean whose light differs, by three points of the normal distribution.
+
+    Where a tone curve turns, near black, light differs by more than the turn is long: no second derivative tells it.
+    """
+    curve = state.curve
+    log_light = _log_light(groups, state, curve)
+    log_y = curve.log_level_of(log_light)
+    y = np.exp(log_y)
+    aside = np.minimum(np.sqrt(3) * curve.gamma_at(log_y) * np.sqrt(2 * groups.bent) / y, _MOST_ASIDE)
+    brighter, darker = (np.exp(curve.log_level_of(log_light + np.log1p(by))) for by in (aside, -aside))
+    return np.asarray((4 * y + brighter + darker) / 6)
 
 
 def _backtracked(
@@ -357,21 +373,7 @@ def _refuse_changes(groups: LightGroups, found: _Solution) -> None:
             f"{_GAMMAS[1]:g}: the exposures that the camera tells are wrong, or its automatic exposure or gain is on; "
             "switch it off"
         )
-    repeated = found.repeated_change(groups.log_time)
-    if found.left > _MOST_LEFT or _MOST_REPEATED < repeated < _MOST_CHANGE:
-        raise CalibrationError(
-            f"camera response: no one curve fits all exposures: {100 * found.left:.1f} % of full scale is left (rms), "
-            f"the limit is {100 * _MOST_LEFT:g} %, and light seems to be {100 * repeated:.1f} % (rms) off the "
-            f"exposures, the limit is {100 * _MOST_REPEATED:g} %: the camera's tone curve moves from frame to frame "
-            "(auto tone mapping, dynamic contrast, backlight compensation): switch it off; or dark levels differ from "
-            "column to column or row to row: switch the camera's black-level or fixed-pattern correction on"
-        )
-    if found.light_change > _MOST_CHANGE:
-        raise CalibrationError(
-            f"camera response: light changes by {100 * found.light_change:.0f} % (rms) between frames of one picture, "
-            f"the limit is {100 * _MOST_CHANGE:g} %: the camera's automatic exposure or gain is on, exposures that it "
-            "tells are wrong, a lamp flickers, or light in the room was switched meanwhile; switch it off"
-        )
+    refuse_changes(found.state.change, groups.log_time, left=found.left, most_left=_MOST_LEFT)
 
 
 def _response(best: _Solution, found: list[_Solution], full_scale_dn: float) -> Response:

@@ -2,12 +2,15 @@
 
 With y the level as a share of full scale and g(y) the light that makes it, s(y) = d log g / d log y is the curve's
 local gamma: 1 for a straight sensor, 2.2 everywhere for a power law, from 1 near black to 2.3 near white for sRGB. Any
-s > 0 gives a curve that rises, so the logarithm of s is what is fitted, as straight pieces between knots.
+s > 0 gives a curve that rises, so the logarithm of s is what is fitted, as straight pieces between knots. One curve
+after another multiplies their s: log s of a camera that follows a standard is that of the standard plus what its sensor
+and its maker add, which is little and smooth.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -44,8 +47,12 @@ class ToneCurve:
     """(P,) log g; the first, at level 0, is that of the smallest number."""
     local_gamma: FloatArray
     """(P,) d log g / d log y."""
-    by_knots: FloatArray
-    """(P, J) derivative of log g by the logarithm of the local gamma at each knot."""
+
+    @cached_property
+    def by_knots(self) -> FloatArray:
+        """(P, J) derivative of log g by the logarithm of the local gamma at each knot."""
+        part = -_summed_from_the_end(self.local_gamma[1:, None] * _SHAPES[1:])
+        return np.concatenate([part[:1], part])
 
     @property
     def light(self) -> FloatArray:
@@ -75,7 +82,7 @@ class ToneCurve:
         """Local gamma at logarithms of levels, any shape."""
         return np.asarray(np.interp(log_y, self._log_y, self.local_gamma[1:]))
 
-    @property
+    @cached_property
     def _log_y(self) -> FloatArray:
         return np.asarray(np.log(self.y[1:]))
 
@@ -85,28 +92,48 @@ _SHAPES = np.stack([np.interp(_Y, KNOTS, one) for one in np.eye(len(KNOTS))], ax
 _STEPS = np.diff(np.log(_Y[1:]))
 
 
-def tone_curve(log_gamma: FloatArray) -> ToneCurve:
+def _srgb_light(y: FloatArray) -> FloatArray:
+    """IEC 61966-2-1."""
+    return np.where(y <= 0.04045, y / 12.92, ((y + 0.055) / 1.055) ** 2.4)
+
+
+def _rec709_light(y: FloatArray) -> FloatArray:
+    """ITU-R BT.709, with the step of 0.3 % that its rounded numbers make where the two parts meet."""
+    return np.where(y < 0.081, y / 4.5, ((y + 0.099) / 1.099) ** (1 / 0.45))
+
+
+def _log_gamma_of(light: FloatArray) -> FloatArray:
+    """(P,) log local gamma that :func:`tone_curve` sums up to a light at all levels."""
+    between = np.diff(np.log(light[1:])) / _STEPS
+    inside = (between[1:] + between[:-1]) / 2
+    last = 1.5 * between[-1] - 0.5 * between[-2]
+    return np.asarray(np.log(np.concatenate([between[:1], between[:1], inside, [last]])))
+
+
+STRAIGHT = np.zeros(_FINE + 1)
+"""Log local gamma of what no standard bends."""
+STANDARDS = (_log_gamma_of(_srgb_light(_Y)), _log_gamma_of(_rec709_light(_Y)))
+"""(P,) log local gamma over y of the curves that cameras follow."""
+
+
+def tone_curve(log_gamma: FloatArray, standard: FloatArray = STRAIGHT) -> ToneCurve:
     """Make the curve of a local gamma.
 
     Parameters
     ----------
     log_gamma : (J,)
-        Logarithm of the local gamma at each of :data:`KNOTS`.
+        Logarithm of the local gamma at each of :data:`KNOTS`, beside the standard's.
+    standard : (P,)
+        One of :data:`STANDARDS`, or :data:`STRAIGHT`.
 
     Returns
     -------
     ToneCurve
         1 at full scale.
     """
-    gamma = np.exp(_SHAPES @ log_gamma)
-    slopes = gamma[1:, None] * _SHAPES[1:]
+    gamma = np.exp(standard + _SHAPES @ log_gamma)
     log_light = -_summed_from_the_end(gamma[1:])
-    return ToneCurve(
-        _Y,
-        np.concatenate([log_light[:1], log_light]),
-        gamma,
-        -np.concatenate([(part := _summed_from_the_end(slopes))[:1], part]),
-    )
+    return ToneCurve(_Y, np.concatenate([log_light[:1], log_light]), gamma)
 
 
 def _summed_from_the_end(values: FloatArray) -> FloatArray:
@@ -123,15 +150,17 @@ def knot_distances() -> FloatArray:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class CurveBend:
-    """How much a curve may bend, whether smoothly, and whether it has a finite slope at black."""
+    """How much a curve may bend beside a standard, whether smoothly, and whether it has a finite slope at black."""
 
+    standard: FloatArray
+    """(P,)"""
     is_sensor: bool
     is_smooth: bool
     """Whether it goes on as it bent before; else each part may bend anew."""
     bend: float
     slope: float
 
-    @property
+    @cached_property
     def precision(self) -> FloatArray:
         """(J, J) of log local gamma at the knots: any at black, a straight line, and random steps from knot to knot.
 
@@ -152,12 +181,24 @@ class CurveBend:
 
 Family = tuple[CurveBend, ...]
 """Candidates from straight to bent."""
-FAMILIES: tuple[Family, ...] = tuple(
-    tuple(CurveBend(is_sensor=is_sensor, is_smooth=is_smooth, bend=bend, slope=slope) for bend, slope in _BENDS)
-    for is_sensor in (True, False)
-    for is_smooth in (True, False)
+
+
+def _family(standard: FloatArray, *, is_sensor: bool, is_smooth: bool) -> Family:
+    return tuple(
+        CurveBend(standard=standard, is_sensor=is_sensor, is_smooth=is_smooth, bend=bend, slope=slope)
+        for bend, slope in _BENDS
+    )
+
+
+FAMILIES: tuple[Family, ...] = (
+    *(
+        _family(STRAIGHT, is_sensor=is_sensor, is_smooth=is_smooth)
+        for is_sensor in (True, False)
+        for is_smooth in (True, False)
+    ),
+    *(_family(standard, is_sensor=True, is_smooth=True) for standard in STANDARDS),
 )
-"""Sensors and others, smooth and rough."""
+"""Sensors and others, smooth and rough; and sensors behind a standard, whose makers' bends are smooth."""
 
 
 def shoulder(log_gamma: FloatArray, covariance: FloatArray, measured: float) -> FloatArray:

@@ -10,7 +10,7 @@ from calibration.radiometry.camera_response import fit_camera_response
 from calibration.radiometry.light_groups import grouped_by_light
 from calibration.radiometry.photon_transfer import TransferPoints, fit_camera_noise, fit_photon_transfer
 from calibration.radiometry.response import Response, light_of_levels
-from calibration.radiometry.tone_curve import KNOTS, shoulder
+from calibration.radiometry.tone_curve import KNOTS, STANDARDS, shoulder, tone_curve
 
 SWEEP = np.repeat([1 / 32, 1 / 16, 1 / 8, 1 / 4, 1 / 2, 0.75, 1.0, 1.15, 1.35, 1.7, 2.2], 2)
 LIGHT = np.array([0.05, 0.1, 0.2, 0.4, 0.6, 0.8, 0.9])
@@ -25,6 +25,11 @@ def in_s(y: FloatArray) -> FloatArray:
 def srgb(light: FloatArray) -> FloatArray:
     """IEC 61966-2-1."""
     return np.where(light <= 0.0031308, 12.92 * light, 1.055 * np.maximum(light, 1e-9) ** (1 / 2.4) - 0.055)
+
+
+def rec709(light: FloatArray) -> FloatArray:
+    """ITU-R BT.709."""
+    return np.where(light < 0.018, 4.5 * light, 1.099 * np.maximum(light, 1e-9) ** 0.45 - 0.099)
 
 
 TONES: dict[str, Callable[[FloatArray], FloatArray]] = {
@@ -57,6 +62,33 @@ def test_a_curve_that_bends_at_both_ends_is_found_within_its_stated_error(kind: 
         error = light_of_levels(response, at) - LIGHT
         assert np.abs(error / np.interp(at, response.levels, response.sigma)).max() < 3
         assert np.abs(error / LIGHT).max() < 0.012
+
+
+@pytest.mark.parametrize("standard", range(2), ids=["sRGB", "Rec. 709"])
+def test_a_standard_is_summed_up_to_its_own_formula(standard: int) -> None:
+    tone = (srgb, rec709)[standard]
+    light = np.linspace(0.005, 1, 200)
+    found = np.exp(tone_curve(np.zeros(len(KNOTS)), STANDARDS[standard]).log_light_of(tone(light)))
+    np.testing.assert_allclose(found, light, rtol=2e-3 if standard else 1e-4)  # Rec. 709 has a step of 0.3 %
+    assert np.abs(found - light).max() < 3e-5
+
+
+@pytest.mark.parametrize("bits", [8, 12])
+@pytest.mark.parametrize("tone", [srgb, rec709], ids=["sRGB", "Rec. 709"])
+def test_a_camera_that_follows_a_standard_is_told_from_black_to_white(
+    tone: Callable[[FloatArray], FloatArray], bits: int
+) -> None:
+    """Each curve bends sharply at 2 to 4 % of its levels, between two knots; and saturates a little on its own."""
+    light = np.concatenate([[0.005, 0.01, 0.02, 0.03], LIGHT])
+    for seed in range(2):
+        top, camera = 2.0**bits - 3, lambda y: tone(1.05 * y / (1 + 0.05 * y))
+        response = fit_camera_response(frames(camera, bits, seed), SWEEP, top, black_dn=2.0)
+        at = top * camera(light)
+        assert response.sigma is not None
+        error, sigma = light_of_levels(response, at) - light, np.interp(at, response.levels, response.sigma)
+        assert np.abs(error / sigma).max() < 3
+        assert np.abs(error / light).max() < 0.006
+        assert np.median(sigma / light) < 0.002
 
 
 def test_exposures_beyond_the_first_that_clips_measure_a_tone_curve_to_its_end() -> None:
