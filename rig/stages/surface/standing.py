@@ -15,6 +15,7 @@ from calibration.surfaces.flat_parts import parts_of
 from calibration.surfaces.pieces import pieces_of
 from calibration.surfaces.point_map import point_map
 from calibration.surfaces.triangulated import TriangulatedSurface, triangulated
+from calibration.surfaces.up_to_walls import up_to_walls
 from rig.profile.tables import FreeSurface, SurfaceFile
 from rig.records import Record
 from rig.session import Session
@@ -140,7 +141,8 @@ def standing_of(session: Session, geometry: GeometryRecord, shift_m: Point) -> F
         return None
     correspondence = load_correspondence(session)
     box = _box(geometry, shift_m)
-    stands = before_walls(correspondence, box).stands
+    told = before_walls(correspondence, box)
+    stands = told.stands
     valid = max(int(correspondence.valid.sum()), 1)
     if isinstance(surface, SurfaceFile):
         points = point_map(correspondence, box.camera, box.projector)
@@ -151,12 +153,13 @@ def standing_of(session: Session, geometry: GeometryRecord, shift_m: Point) -> F
     every = point_map(correspondence, box.camera, box.projector)
     others, every = positions_of(session, geometry, every, box)
     points = replace(every, distance_m=np.where(stands, every.distance_m, np.nan))
-    parts = parts_of(points, pieces_of(points, stands, LEAST_PIXELS), LEAST_PIXELS)
+    surely = parts_of(points, pieces_of(points, stands, LEAST_PIXELS), LEAST_PIXELS)
+    parts = up_to_walls(every, surely, told.wall_distance_m)
     apart_m = apart_from_walls(box, points.origin_m + points.distance_m[..., None] * points.rays)
     patch_size_m = session.profile.room.patch_size_m
-    found = triangulated(points, parts, box.camera, patch_size_m, apart_m=apart_m)
-    seen = int((parts.label >= 0).sum())
-    record = StandingRecord.of(found, seen / valid, (int(stands.sum()) - seen) / valid)
+    found = triangulated(every, parts, box.camera, patch_size_m, apart_m=apart_m)
+    seen = parts.label >= 0
+    record = StandingRecord.of(found, int(seen.sum()) / valid, int((stands & ~seen).sum()) / valid)
     surfaces = surfaces_elsewhere(others, every, parts.label, box=box, patch_size_m=patch_size_m, least=LEAST_PIXELS)
     for one, more_seen in zip(others, surfaces, strict=True):
         record = record.with_elsewhere(more_seen, one.record(more_seen))
