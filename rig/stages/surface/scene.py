@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.geometry.pinhole import PinholeModel
 from calibration.light.alike import Alike
-from calibration.surfaces.bodies import rim_of
 from rig.profile.schema import refuse_many_patches
 from rig.stages.correspondence import only
-from rig.stages.geometry import GeometryRecord
+from rig.stages.geometry import GeometryRecord, Point
+from rig.stages.surface.openings import behind_walls, on_the_way, sides_between, sides_of_openings, with_openings
 from rig.stages.surface.standing import StandingRecord
-from rig.stages.surface.walls import finer_along, finer_where, finest_m, points_on, seen_edges
+from rig.stages.surface.walls import WallPatches, finer_along, finer_where, finest_m, points_on, seen_edges
 from sim.form_factors import FormFactors, form_factors
 from sim.geometry.mesh import Mesh
 from sim.geometry.scene import Scene
@@ -21,8 +24,6 @@ FloatArray = NDArray[np.float64]
 
 _BACK_SHARE = 5e-4
 """How far behind its front the back of a surface is put, of the room's largest size: rays have to tell them apart."""
-_NO_AREA_M2 = 1e-6
-"""Of a side between front and back: one that runs straight away from the devices has none."""
 _RAYS = 1024
 """Of each patch: the light on a patch comes out to about 0.2 %, far below what reflectances are known to."""
 
@@ -36,35 +37,81 @@ def scene_of(geometry: GeometryRecord, patch_size_m: float, standing: StandingRe
     Of a surface only its front is seen. Its back is taken to be close behind, or where the record says, with sides
     between, and as reflective: between it and the walls light goes to and fro as it does behind the real thing.
     """
-    refuse_many_patches(geometry.surface.size_m, patch_size_m)
-    walls = room(geometry.surface.size_m, patch_size_m, 0.5, geometry.surface.faces, name="measured room")
+    surface = geometry.surface
+    refuse_many_patches(surface.size_m, patch_size_m)
+    walls = room(surface.size_m, patch_size_m, 0.5, surface.faces, name="measured room")
     if standing is None or not standing.triangles:
         return walls
-    vertices, triangles = np.array(standing.vertices_m), np.array(standing.triangles)
-    part, n_parts = np.array(standing.part), len(standing.flat)
-    first = len(walls.faces)
-    corners, region = [vertices[triangles][:, [0, 1, 2, 2]]], [first + part]
-    if standing.backs:
-        behind = vertices - _BACK_SHARE * max(geometry.surface.size_m) * _normals(vertices, triangles)
-        if standing.backs_m is not None:
-            behind = np.array(standing.backs_m)
-            sides, owner = _sides(vertices, behind, triangles)
-            corners.append(sides)
-            region.append(first + n_parts + part[owner])
-        corners.append(behind[triangles[:, ::-1]][:, [0, 1, 2, 2]])
-        region.append(first + n_parts + part)
-    near = points_on(vertices, triangles, finest_m(walls)) if standing.finer_walls else np.zeros((0, 3))
-    fine = finer_where(walls, near)
-    if standing.finer_edges:
-        devices = [device.pinhole() for device in (only(geometry.cameras), only(geometry.projectors))]
-        surface = geometry.surface
-        fine = finer_along(walls, fine, seen_edges(surface.size_m, surface.faces, devices, finest_m(walls)))
+    fronts = np.array(standing.vertices_m)[np.array(standing.triangles)]
+    outside = np.zeros(len(fronts), dtype=bool)
+    if standing.openings:
+        outside = behind_walls(fronts, surface.size_m)
+    devices = _devices(geometry) if standing.finer_edges or outside.any() else []
+    fine = _fine_walls(geometry, walls, standing, outside=outside, devices=devices)
+    corners, region = _things(standing, surface.size_m, outside, devices=devices, first=len(walls.faces))
     return Mesh(
         name="measured room",
-        vertices=np.concatenate([fine.vertices_m, *corners]),
-        reflectance=np.full(len(fine.region) + sum(len(some) for some in region), 0.5),
-        region=np.concatenate([fine.region, *region]),
+        vertices=np.concatenate([fine.vertices_m, corners]),
+        reflectance=np.full(len(fine.region) + len(region), 0.5),
+        region=np.concatenate([fine.region, region]),
     )
+
+
+def _devices(geometry: GeometryRecord) -> list[PinholeModel]:
+    """The camera and the projector."""
+    return [device.pinhole() for device in (only(geometry.cameras), only(geometry.projectors))]
+
+
+def _fine_walls(
+    geometry: GeometryRecord,
+    walls: Scene,
+    standing: StandingRecord,
+    *,
+    outside: NDArray[np.bool_],
+    devices: Sequence[PinholeModel],
+) -> WallPatches:
+    """The walls, finer where something touches them and along lit edges, without what is an opening in them."""
+    surface, finest = geometry.surface, finest_m(walls)
+    vertices, triangles = np.array(standing.vertices_m), np.array(standing.triangles)
+    near = points_on(vertices, triangles, finest) if standing.finer_walls else np.zeros((0, 3))
+    behind = points_on(vertices, triangles[outside], finest)
+    through = [on_the_way(behind, surface.size_m, device.position_m) for device in devices]
+    fine = finer_where(walls, np.concatenate([near, *through]))
+    if standing.finer_edges:
+        fine = finer_along(walls, fine, seen_edges(surface.size_m, surface.faces, devices, finest))
+    if not outside.any():
+        return fine
+    return with_openings(fine, vertices[triangles[outside]], [device.position_m for device in devices])
+
+
+def _things(
+    standing: StandingRecord,
+    size_m: Point,
+    outside: NDArray[np.bool_],
+    *,
+    devices: Sequence[PinholeModel],
+    first: int,
+) -> tuple[FloatArray, NDArray[np.intp]]:
+    """Fronts of what stands, backs and sides: (T, 4, 3) corners, and (T,) numbers of their regions from the first."""
+    vertices, triangles = np.array(standing.vertices_m), np.array(standing.triangles)
+    front, n_parts = first + np.array(standing.part), len(standing.flat)
+    corners, region = [vertices[triangles][:, [0, 1, 2, 2]]], [front]
+    if standing.backs:
+        back = front + n_parts
+        behind = vertices - _BACK_SHARE * max(size_m) * _normals(vertices, triangles)
+        if standing.backs_m is not None:
+            behind = np.array(standing.backs_m)
+            sides, owner, _ = sides_between(vertices, behind, triangles)
+            corners.append(sides)
+            region.append(back[owner])
+        if outside.any():
+            positions = [device.position_m for device in devices]
+            sides, owner = sides_of_openings(vertices, triangles[outside], size_m, positions)
+            corners.append(sides)
+            region.append(back[outside][owner])
+        corners.append(behind[triangles[:, ::-1]][:, [0, 1, 2, 2]])
+        region.append(back)
+    return np.concatenate(corners), np.concatenate(region)
 
 
 def alike_in(geometry: GeometryRecord, standing: StandingRecord | None) -> Alike:
@@ -73,18 +120,6 @@ def alike_in(geometry: GeometryRecord, standing: StandingRecord | None) -> Alike
     if standing is None or not standing.triangles:
         return Alike.only_walls(n_walls)
     return Alike.with_things(n_walls, len(standing.flat), backs=standing.backs)
-
-
-def _sides(
-    vertices_m: FloatArray, behind_m: FloatArray, triangles: NDArray[np.intp]
-) -> tuple[FloatArray, NDArray[np.intp]]:
-    """Return (S, 4, 3) triangles between rims of fronts and backs, and (S,) the front's triangle that each is of."""
-    rim, owner = rim_of(triangles)
-    (a, b), (c, d) = (corners[rim].swapaxes(0, 1) for corners in (vertices_m, behind_m))
-    sides = np.concatenate([np.stack([b, a, c, c], axis=1), np.stack([b, c, d, d], axis=1)])
-    double_m2 = np.linalg.norm(np.cross(sides[:, 1] - sides[:, 0], sides[:, 2] - sides[:, 0]), axis=1)
-    wide = double_m2 > _NO_AREA_M2
-    return sides[wide], np.concatenate([owner, owner])[wide]
 
 
 def _normals(vertices_m: FloatArray, triangles: NDArray[np.intp]) -> FloatArray:

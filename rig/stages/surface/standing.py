@@ -51,6 +51,8 @@ class StandingRecord(Record):
     """The walls have finer patches where this stands; False of sessions of older versions, fitted without."""
     finer_edges: bool = False
     """The same beside edges between walls that the camera sees, and the projector lights."""
+    openings: bool = False
+    """Walls end where something is seen behind them; False of sessions of older versions, fitted without."""
     n_continued: int = 0
     """Of the triangles, the last so many, which nobody saw: flat parts that the picture's border cuts go on there."""
     backs_m: tuple[Point, ...] | None = None
@@ -73,6 +75,7 @@ class StandingRecord(Record):
             share_left_out=share_left_out,
             finer_walls=True,
             finer_edges=True,
+            openings=True,
         )
 
     def with_elsewhere(self, more: TriangulatedSurface, position: PositionRecord) -> StandingRecord:

@@ -14,6 +14,7 @@ from rig.stages.light.choice import FittedRoom, better_explained
 from rig.stages.surface.scene import scene_of
 from rig.stages.surface.standing import StandingRecord
 from rig.stages.surface.walls import finer_along, finer_where, finest_m, points_on, seen_edges
+from sim.geometry.rays import trace
 from sim.scenes.gridded import room
 
 WALLS = room((4.0, 4.0, 2.0), 0.5)
@@ -168,3 +169,67 @@ def test_a_thing_with_a_deep_back_is_a_closed_body_that_faces_outwards():
     assert volume_m3 == pytest.approx(0.6 * 0.6 * 0.5, rel=1e-6)
     assert scene.areas[body].sum() == pytest.approx(2 * 0.36 + 4 * 0.3, rel=1e-6), "front, back and four sides"
     assert np.unique(scene.region[body]).size == 2, "what nobody saw of a thing is one region"
+
+
+NICHE = (((1.0, -0.4, 0.5), (2.0, -0.4, 0.5), (2.0, -0.4, 1.5), (1.0, -0.4, 1.5)), ((0, 2, 1), (0, 3, 2)))
+"""The back of a niche in the wall y0, 0.4 m deep."""
+
+
+def room_with_a_niche(**changed):
+    """The scene of what was measured, a camera straight before the wall and a projector beside it."""
+    corners, triangles = NICHE
+    back = StandingRecord(
+        vertices_m=corners,
+        triangles=triangles,
+        part=(0, 0),
+        flat=(True,),
+        sigma_m=(0.0,) * 4,
+        share_of_image=0.1,
+        share_left_out=0.0,
+        finer_walls=True,
+        openings=True,
+    )
+    devices = [camera(300.0), replace(camera(300.0), translation_m=-camera(300.0).rotation @ (2.6, 3.6, 1.2))]
+    cameras, projectors = ({"one": SimpleNamespace(pinhole=lambda found=one: found)} for one in devices)
+    surface = SimpleNamespace(size_m=(4.0, 4.0, 2.0), faces=FACES)
+    geometry = SimpleNamespace(surface=surface, cameras=cameras, projectors=projectors)
+    return scene_of(geometry, 0.25, replace(back, **changed)), [device.position_m for device in devices]
+
+
+def met(scene, position_m, points_m):
+    """Regions that a device sees in the direction of points, and whether there is nothing nearer than the point."""
+    ahead = points_m - position_m
+    length = np.linalg.norm(ahead, axis=1)
+    hits = trace(scene, position_m, ahead / length[:, None])
+    return hits.patch, np.abs(hits.distance - length) < 1e-6
+
+
+def test_what_is_behind_a_wall_is_seen_and_lit_through_an_opening():
+    scene, positions_m = room_with_a_niche()
+    x, z = np.meshgrid(np.linspace(1.1, 1.9, 9), np.linspace(0.6, 1.4, 9))
+    back = np.stack([x, np.full_like(x, -0.4), z], axis=-1).reshape(-1, 3)
+    for position_m in positions_m:
+        patch, there = met(scene, position_m, back)
+        assert there.all()
+        assert (scene.region[patch] == len(FACES)).all()
+    closed, _ = room_with_a_niche(openings=False)
+    assert not met(closed, positions_m[0], back)[1].any(), "older sessions keep the wall that they were fitted with"
+
+
+def test_the_wall_beside_an_opening_stays_a_wall():
+    scene, positions_m = room_with_a_niche()
+    on_wall = np.array([[0.7, 0, 1.0], [2.4, 0, 1.0], [1.5, 0, 0.3], [1.5, 0, 1.8]])
+    for position_m in positions_m:
+        assert met(scene, position_m, on_wall)[1].all()
+
+
+def test_hardly_any_light_leaves_a_room_through_its_openings():
+    scene, positions_m = room_with_a_niche()
+    turned = np.random.default_rng(3).normal(size=(20000, 3))
+    directions = turned / np.linalg.norm(turned, axis=1, keepdims=True)
+    middle_of_opening = np.array([1.5, -0.05, 1.0])
+    into = directions[:, 1] < 0
+    hits = trace(scene, middle_of_opening, directions[into])
+    assert (hits.face >= 0).mean() > 0.9
+    for position_m in positions_m:
+        assert (trace(scene, position_m, directions[into]).face >= 0).mean() > 0.999

@@ -1,0 +1,159 @@
+"""Openings in the walls of a measured room: niches, doorways, recessed windows, behind which something is seen."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.surfaces.bodies import rim_of
+from rig.stages.surface.walls import WallPatches
+from sim.geometry.mesh import Mesh
+from sim.geometry.rays import trace
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+IntArray = NDArray[np.intp]
+
+_BEHIND = 5e-3
+"""Of the room's largest size, from which on what lies behind a wall's plane is no error of the wall."""
+_SAMPLES = 3
+"""Along each side of a patch, through which the devices look."""
+_MOSTLY = 0.5
+"""Of a patch's samples: with more that open on something behind, the patch is not there."""
+_NO_AREA_M2 = 1e-6
+"""Of a side between front and back: one that runs straight away from the devices has none."""
+_SHY = 1e-3
+"""Of its distance, by which what hides a point is nearer."""
+
+
+def behind_walls(corners_m: FloatArray, size_m: Sequence[float]) -> BoolArray:
+    """Return (T,) which triangles (T, 3, 3) lie behind the walls of a room of that size."""
+    middle, size = corners_m.mean(axis=1), np.array(size_m)
+    return np.asarray((np.maximum(-middle, middle - size) > _BEHIND * size.max()).any(axis=1))
+
+
+def on_the_way(points_m: FloatArray, size_m: Sequence[float], position_m: FloatArray) -> FloatArray:
+    """Return (N, 3) where the rays from a device in a room to points (N, 3) behind its walls leave it. [m]."""
+    ahead = points_m - position_m
+    bound = np.where(ahead > 0, np.array(size_m), 0.0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        share = np.where(ahead == 0, np.inf, (bound - position_m) / ahead).min(axis=1)
+    return np.asarray(position_m + np.clip(share, 0.0, 1.0)[:, None] * ahead)
+
+
+def with_openings(walls: WallPatches, behind_m: FloatArray, devices_m: Sequence[FloatArray]) -> WallPatches:
+    """Return the patches of a room's walls without those through which a device sees, or lights, something behind.
+
+    Parameters
+    ----------
+    walls : WallPatches
+        Fine enough about the openings.
+    behind_m : (T, 3, 3) array
+        Triangles behind the walls. [m]
+    devices_m : sequence of (3,) arrays
+        Positions of the devices. [m]
+
+    Returns
+    -------
+    WallPatches
+    """
+    behind, samples = _mesh(behind_m[:, [0, 1, 2, 2]]), _samples(walls.vertices_m)
+    opens = np.zeros(samples.shape[:2], dtype=bool)
+    for position_m in devices_m:
+        opens |= np.isfinite(_met_at(behind, position_m, samples.reshape(-1, 3))).reshape(opens.shape)
+    return walls.only(opens.mean(axis=1) <= _MOSTLY)
+
+
+def sides_of_openings(
+    vertices_m: FloatArray, behind: IntArray, size_m: Sequence[float], devices_m: Sequence[FloatArray]
+) -> tuple[FloatArray, IntArray]:
+    """Return what closes the gap between walls and what is seen through their openings, which nobody saw.
+
+    From each side of the rim it runs straight to the wall, or else along the rays of a device: as it hides nothing of
+    what any device sees, or lights, there. Where all of these would, the gap stays open.
+
+    Parameters
+    ----------
+    vertices_m : (V, 3) array
+        Corners of what was measured. [m]
+    behind : (T, 3) array
+        Corners of each triangle behind the walls.
+    size_m : (3,)
+        Of the room. [m]
+    devices_m : sequence of (3,) arrays
+        Positions of the devices. [m]
+
+    Returns
+    -------
+    (S, 4, 3) array
+        Triangles that face the room; the last corner comes twice. [m]
+    (S,) array
+        The triangle behind the walls that each belongs to.
+    """
+    ends = [np.clip(vertices_m, 0.0, np.array(size_m))]
+    ends += [on_the_way(vertices_m, size_m, position_m) for position_m in devices_m]
+    looked_at = vertices_m[behind].mean(axis=1)
+    found, owners = [np.zeros((0, 4, 3))], [np.zeros(0, dtype=np.intp)]
+    closed = np.zeros(len(behind) * 3, dtype=bool)
+    for at_wall in ends:
+        sides, owner, rim = sides_between(vertices_m, at_wall, behind)
+        hides = np.zeros(len(sides), dtype=bool)
+        for position_m in devices_m if len(sides) else ():
+            hides |= _hides(sides, position_m, looked_at)
+        taken = ~np.isin(rim, rim[hides]) & ~closed[rim]
+        closed[rim[taken]] = True
+        found.append(sides[taken])
+        owners.append(owner[taken])
+    return np.concatenate(found), np.concatenate(owners)
+
+
+def sides_between(
+    vertices_m: FloatArray, others_m: FloatArray, triangles: IntArray
+) -> tuple[FloatArray, IntArray, IntArray]:
+    """Return (S, 4, 3) triangles between the rims of a surface and of the same moved, and of each its owner and side.
+
+    They face outwards where the other lies behind the surface.
+    """
+    rim, owner = rim_of(triangles)
+    (a, b), (c, d) = (corners[rim].swapaxes(0, 1) for corners in (vertices_m, others_m))
+    sides = np.concatenate([np.stack([b, a, c, c], axis=1), np.stack([b, c, d, d], axis=1)])
+    double_m2 = np.linalg.norm(np.cross(sides[:, 1] - sides[:, 0], sides[:, 2] - sides[:, 0]), axis=1)
+    wide = double_m2 > _NO_AREA_M2
+    number = np.arange(len(rim))
+    return sides[wide], np.concatenate([owner, owner])[wide], np.concatenate([number, number])[wide]
+
+
+def _hides(sides_m: FloatArray, position_m: FloatArray, points_m: FloatArray) -> BoolArray:
+    """(S,) triangles (S, 4, 3) that stand between a device and points (N, 3)."""
+    mesh, hides = _mesh(sides_m), np.zeros(len(sides_m), dtype=bool)
+    hits = trace(mesh, position_m, _towards(position_m, points_m))
+    nearer = hits.distance < (1 - _SHY) * np.linalg.norm(points_m - position_m, axis=1)
+    hides[hits.face[nearer]] = True
+    return hides
+
+
+def _met_at(mesh: Mesh, position_m: FloatArray, through_m: FloatArray) -> FloatArray:
+    """(N,) how far from a position a ray through each point (N, 3) meets a mesh, on either side. [m]."""
+    hits = trace(mesh, position_m, _towards(position_m, through_m))
+    return np.where(hits.face >= 0, hits.distance, np.inf)
+
+
+def _towards(position_m: FloatArray, points_m: FloatArray) -> FloatArray:
+    ahead = points_m - position_m
+    return np.asarray(ahead / np.linalg.norm(ahead, axis=-1, keepdims=True))
+
+
+def _mesh(corners_m: FloatArray) -> Mesh:
+    """Each of (T, 4, 3) quadrilaterals a region of its own."""
+    count = len(corners_m)
+    return Mesh(name="behind the walls", vertices=corners_m, reflectance=np.full(count, 0.5), region=np.arange(count))
+
+
+def _samples(vertices_m: FloatArray) -> FloatArray:
+    """(P, N, 3) points all over rectangles (P, 4, 3). [m]."""
+    share = (np.arange(_SAMPLES) + 0.5) / _SAMPLES
+    s, t = (each.ravel()[None, :, None] for each in np.meshgrid(share, share))
+    a, b, _, d = (corner[:, None] for corner in np.moveaxis(vertices_m, 1, 0))
+    return np.asarray(a + s * (b - a) + t * (d - a))
