@@ -18,6 +18,8 @@ _TOUCHING = 0.01
 """Of the room's size: corners of two sides of a box are a few millimetres apart, two things a hand's breadth."""
 _LEAST_WIDE = 0.2
 """Of a front, what its back has at least of its width and height: a point is no surface."""
+_NO_AREA_M2 = 1e-6
+"""Of a side between front and back: one that runs straight away from the devices has none."""
 _UPRIGHT = 0.5
 """Of a normal, its upward share at most: walls, screens and sides of boxes stand, tops lie."""
 _STANDS = 0.02
@@ -150,6 +152,36 @@ def rim_of(triangles: IntArray) -> tuple[IntArray, IntArray]:
     _, first, count = np.unique(low * (int(sides.max(initial=0)) + 1) + high, return_index=True, return_counts=True)
     alone = np.sort(first[count == 1])
     return sides[alone], alone % len(triangles)
+
+
+def sides_between(
+    vertices_m: FloatArray, others_m: FloatArray, triangles: IntArray
+) -> tuple[FloatArray, IntArray, IntArray]:
+    """Return what lies between the rims of a surface and of the same surface moved.
+
+    Parameters
+    ----------
+    vertices_m, others_m : (V, 3)
+        Corners of the surface, and where each is moved. [m]
+    triangles : (T, 3) int
+        Corners of each triangle of the surface.
+
+    Returns
+    -------
+    (S, 4, 3)
+        Triangles whose last corner comes twice; they face outwards where the other lies behind the surface. [m]
+    (S,)
+        The surface's triangle that each belongs to.
+    (S,)
+        The side of the rim that each belongs to: two of most.
+    """
+    rim, owner = rim_of(triangles)
+    (a, b), (c, d) = (corners[rim].swapaxes(0, 1) for corners in (vertices_m, others_m))
+    sides = np.concatenate([np.stack([b, a, c, c], axis=1), np.stack([b, c, d, d], axis=1)])
+    double_m2 = np.linalg.norm(np.cross(sides[:, 1] - sides[:, 0], sides[:, 2] - sides[:, 0]), axis=1)
+    wide = double_m2 > _NO_AREA_M2
+    number = np.arange(len(rim))
+    return sides[wide], np.concatenate([owner, owner])[wide], np.concatenate([number, number])[wide]
 
 
 def _is_upright(corners_m: FloatArray) -> bool:

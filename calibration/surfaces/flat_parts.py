@@ -12,7 +12,7 @@ import numpy as np
 
 from calibration.arrays import BoolArray, FloatArray, IntArray
 from calibration.surfaces.pieces import largest_first
-from calibration.surfaces.point_map import PointMap
+from calibration.surfaces.point_map import PointMap, at_least_usual
 
 _SIGMAS = 3.0
 """Within so many standard deviations a point lies on a plane."""
@@ -144,8 +144,7 @@ def _sorted(label: IntArray, planes: FloatArray, least_pixels: int) -> Parts:
 def _samples(points: PointMap, chosen: BoolArray) -> _Samples:
     rows, columns = np.nonzero(chosen & points.known)
     distance_m, sigma_m = points.distance_m[rows, columns], points.sigma_m[rows, columns]
-    # Codes are rounded alike along a stripe: a sigma far below the usual one of its piece is luck.
-    sigma = np.maximum(sigma_m, np.median(sigma_m) if len(rows) else 0.0) / distance_m**2
+    sigma = at_least_usual(sigma_m, sigma_m) / distance_m**2
     return _Samples(
         rows=rows,
         columns=columns,

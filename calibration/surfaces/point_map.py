@@ -91,6 +91,23 @@ def px_per_metre(camera: PinholeModel, projector: PinholeModel, rays: FloatArray
     return np.asarray(moved / (distance_m * _STEP))
 
 
+def at_least_usual(sigma: FloatArray, usual_of: FloatArray) -> FloatArray:
+    """Return standard deviations, none below the usual one: codes are rounded alike along a stripe, so less is luck.
+
+    Parameters
+    ----------
+    sigma : (...)
+        NaN where there is no point.
+    usual_of : (N,)
+        Those whose median is the usual one.
+
+    Returns
+    -------
+    (...)
+    """
+    return np.maximum(sigma, np.nanmedian(usual_of) if usual_of.size else 0.0)
+
+
 def _sigma_px(correspondence: Correspondence) -> FloatArray:
     """(H, W) standard deviation of a projector pixel in one direction."""
     if correspondence.sigma_px is None:

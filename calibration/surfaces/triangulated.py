@@ -11,7 +11,7 @@ from calibration.arrays import BoolArray, FloatArray, IntArray
 from calibration.geometry.pinhole import PinholeModel, world_rays
 from calibration.surfaces.flat_parts import Parts
 from calibration.surfaces.planar_mesh import PlanarMesh, SideAt, mesh_within
-from calibration.surfaces.point_map import PointMap
+from calibration.surfaces.point_map import PointMap, at_least_usual
 
 _OUTLINE_PX = 0.8
 """By which a straightened outline may leave that of the pixels: their stairs are half a pixel high."""
@@ -239,7 +239,7 @@ def _near(points: PointMap, mask: BoolArray, corner_px: FloatArray) -> tuple[flo
     if len(rows) < 3:
         return np.nan, np.nan
     distance_m, sigma_m = points.distance_m[window][rows, columns], points.sigma_m[window][rows, columns]
-    sigma = np.maximum(sigma_m, np.median(sigma_m)) / distance_m**2
+    sigma = at_least_usual(sigma_m, sigma_m) / distance_m**2
     x, y = columns + left - column, rows + top - row
     terms = [np.ones_like(x), x, y, x * x, x * y, y * y][: 6 if len(rows) >= 24 else 3]
     design = np.stack(terms, axis=1)

@@ -10,7 +10,7 @@ import numpy as np
 from calibration.arrays import BoolArray, FloatArray
 from calibration.surfaces.before_walls import THIN_PX, opened
 from calibration.surfaces.flat_parts import Parts
-from calibration.surfaces.point_map import PointMap
+from calibration.surfaces.point_map import PointMap, at_least_usual
 
 _SIGMAS = 3.0
 """By no more a point misses the plane that it lies on, and by more the wall that it does not lie on."""
@@ -39,8 +39,8 @@ def up_to_walls(points: PointMap, parts: Parts, wall_distance_m: FloatArray) -> 
     label, free = parts.label, points.known & (parts.label < 0)
     if not parts.flat.any():
         return parts
-    sigma_m = np.fmax(points.sigma_m, np.nanmedian(points.sigma_m[label >= 0]))  # below the usual one it is luck
-    inverse, sigma = 1 / points.distance_m, sigma_m / points.distance_m**2
+    inverse = 1 / points.distance_m
+    sigma = at_least_usual(points.sigma_m, points.sigma_m[label >= 0]) / points.distance_m**2
     off_wall = free & (np.abs(inverse - 1 / wall_distance_m) > _SIGMAS * sigma)
     for number in np.flatnonzero(parts.flat):
         on = off_wall & (np.abs(inverse - points.rays @ parts.planes[number]) <= _SIGMAS * sigma)

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.surfaces.bodies import rim_of
+from calibration.surfaces.bodies import sides_between
 from rig.stages.surface.walls import WallPatches
 from sim.geometry.mesh import Mesh
 from sim.geometry.rays import trace
@@ -22,8 +22,6 @@ _SAMPLES = 3
 """Along each side of a patch, through which the devices look."""
 _MOSTLY = 0.5
 """Of a patch's samples: with more that open on something behind, the patch is not there."""
-_NO_AREA_M2 = 1e-6
-"""Of a side between front and back: one that runs straight away from the devices has none."""
 _SHY = 1e-3
 """Of its distance, by which what hides a point is nearer."""
 
@@ -107,22 +105,6 @@ def sides_of_openings(
         found.append(sides[taken])
         owners.append(owner[taken])
     return np.concatenate(found), np.concatenate(owners)
-
-
-def sides_between(
-    vertices_m: FloatArray, others_m: FloatArray, triangles: IntArray
-) -> tuple[FloatArray, IntArray, IntArray]:
-    """Return (S, 4, 3) triangles between the rims of a surface and of the same moved, and of each its owner and side.
-
-    They face outwards where the other lies behind the surface.
-    """
-    rim, owner = rim_of(triangles)
-    (a, b), (c, d) = (corners[rim].swapaxes(0, 1) for corners in (vertices_m, others_m))
-    sides = np.concatenate([np.stack([b, a, c, c], axis=1), np.stack([b, c, d, d], axis=1)])
-    double_m2 = np.linalg.norm(np.cross(sides[:, 1] - sides[:, 0], sides[:, 2] - sides[:, 0]), axis=1)
-    wide = double_m2 > _NO_AREA_M2
-    number = np.arange(len(rim))
-    return sides[wide], np.concatenate([owner, owner])[wide], np.concatenate([number, number])[wide]
 
 
 def _hides(sides_m: FloatArray, position_m: FloatArray, points_m: FloatArray) -> BoolArray:

@@ -9,10 +9,11 @@ from numpy.typing import NDArray
 
 from calibration.geometry.pinhole import PinholeModel
 from calibration.light.alike import Alike
+from calibration.surfaces.bodies import sides_between
 from rig.profile.schema import refuse_many_patches
 from rig.stages.correspondence import only
 from rig.stages.geometry import GeometryRecord, Point
-from rig.stages.surface.openings import behind_walls, on_the_way, sides_between, sides_of_openings, with_openings
+from rig.stages.surface.openings import behind_walls, on_the_way, sides_of_openings, with_openings
 from rig.stages.surface.standing import StandingRecord
 from rig.stages.surface.walls import WallPatches, finer_along, finer_where, finest_m, points_on, seen_edges
 from sim.form_factors import FormFactors, form_factors
