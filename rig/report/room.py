@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
+from calibration.geometry.room import FACES
 from rig.files.channels import PRIMARIES
 from rig.stages.light.darkness import DarknessRecord
 from rig.stages.results import ByBand, GeometryResult, ModelResult
 from rig.stages.surface.known import RegistrationRecord
+from rig.stages.surface.openings import SeenBehind
 from rig.stages.surface.positions import PositionRecord
 from rig.stages.transport.evidence import evidence_words
 from rig.stages.transport.records import SurfaceGloss
@@ -21,12 +25,12 @@ def geometry_text(geometry: GeometryResult, model: ModelResult) -> str:
         f"Baseline {1000 * geometry.baseline_m:.0f} mm. Room {room_size} m; seen: {', '.join(geometry.faces_seen)}. "
         f"{model.patches} patches, mean reflectance {_numbers(model.reflectance_mean)}; of one that is lit and "
         f"seen is known up to {_numbers(model.reflectance_sigma)} (one standard deviation). "
-        f"{geometry.room_notes}{_standing_words(model)}{_placed_words(model)}{_learned_words(model)}"
+        f"{geometry.room_notes}{_standing_words(model, geometry)}{_placed_words(model)}{_learned_words(model)}"
         f"{_evidence_words(model)}{_colour_words(model)}"
     )
 
 
-def _standing_words(model: ModelResult) -> str:
+def _standing_words(model: ModelResult, geometry: GeometryResult) -> str:
     """What stands before the walls; empty of a box."""
     found = model.standing
     if found is None:
@@ -44,6 +48,7 @@ def _standing_words(model: ModelResult) -> str:
         f"{_words_of_backs(found.deep)}"
         f"{''.join(_position_words(one) for one in found.positions)}"
         f"{_continued_words(found.n_continued)}"
+        f"{''.join(opening_words(one, geometry.faces_seen) for one in found.behind)}"
     )
 
 
@@ -73,6 +78,19 @@ def _continued_words(triangles: int) -> str:
     return (
         f" {triangles} of the triangles lie beyond the border of the picture, where a flat piece is taken to go on up "
         "to the walls: with them the model explains more of the global light."
+    )
+
+
+def opening_words(one: SeenBehind, seen: Sequence[str]) -> str:
+    """Return what an opening in a wall is, and what it leaves unknown of the wall opposite, unless that was seen."""
+    number = FACES.index(one.face)
+    opposite = FACES[number + 1 if number % 2 == 0 else number - 1]
+    words = f" {one.face} is open: through it something is seen {one.depth_m:.2f} m behind (a niche, a door, a window)."
+    if opposite in seen:
+        return words
+    return (
+        f"{words} If size_m of the profile was measured to there and not to {one.face}, {opposite}, which nobody saw, "
+        f"stands {one.depth_m:.2f} m away from where it is taken to be."
     )
 
 

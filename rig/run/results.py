@@ -37,6 +37,8 @@ from rig.stages.results import (
     TruthErrors,
 )
 from rig.stages.separation import load_separation_record, processing_of_pictures_dn
+from rig.stages.surface.openings import SeenBehind, seen_behind
+from rig.stages.surface.standing import StandingRecord
 from rig.stages.target import shown_target
 from rig.stages.transport.evidence import gathered_evidence
 from rig.stages.transport.records import TransportRecord
@@ -168,10 +170,18 @@ def _standing(session: Session) -> StandingResult | None:
         share_of_image=found.share_of_image,
         share_left_out=found.share_left_out,
         n_continued=found.n_continued,
+        behind=_seen_behind(session, found),
         positions=found.positions,
         deep=found.backs_m is not None,
         registration=found.registration,
     )
+
+
+def _seen_behind(session: Session, found: StandingRecord) -> tuple[SeenBehind, ...]:
+    if not found.openings or not found.triangles:
+        return ()
+    corners_m = np.array(found.vertices_m)[np.array(found.triangles)]
+    return seen_behind(corners_m, load_geometry(session).surface.size_m)
 
 
 def _learned(session: Session) -> LearnedResult | None:

@@ -14,6 +14,7 @@ from rig.stages.light.darkness import DarknessRecord
 from rig.stages.light.unseen_walls import PlacedByLight
 from rig.stages.picture_errors import PictureErrors
 from rig.stages.surface.known import RegistrationRecord
+from rig.stages.surface.openings import SeenBehind
 from rig.stages.surface.positions import PositionRecord
 from rig.stages.target import ShownTarget
 from rig.stages.transport.evidence import EvidenceRecord
@@ -77,6 +78,8 @@ class StandingResult(Record):
     """Of the valid pixels: of pieces that are too small for a surface."""
     n_continued: int = 0
     """Of the triangles, those that nobody saw: flat parts that the picture's border cuts, carried on."""
+    behind: tuple[SeenBehind, ...] = ()
+    """Walls that are open, for something is seen behind them."""
     positions: tuple[PositionRecord, ...] = ()
     """What sessions with the camera elsewhere saw of the room."""
     deep: bool = False

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.geometry.room import FACES
 from calibration.surfaces.bodies import sides_between
+from rig.records import Record
 from rig.stages.surface.walls import WallPatches
 from sim.geometry.mesh import Mesh
 from sim.geometry.rays import trace
@@ -26,10 +29,35 @@ _SHY = 1e-3
 """Of its distance, by which what hides a point is nearer."""
 
 
+@dataclass(frozen=True, kw_only=True)
+class SeenBehind(Record):
+    """A wall behind whose plane something is seen."""
+
+    face: str
+    depth_m: float
+    """Of what is seen there, at the median triangle. [m]"""
+
+
 def behind_walls(corners_m: FloatArray, size_m: Sequence[float]) -> BoolArray:
     """Return (T,) which triangles (T, 3, 3) lie behind the walls of a room of that size."""
-    middle, size = corners_m.mean(axis=1), np.array(size_m)
-    return np.asarray((np.maximum(-middle, middle - size) > _BEHIND * size.max()).any(axis=1))
+    return np.asarray((_depths_m(corners_m, size_m) > _BEHIND * max(size_m)).any(axis=1))
+
+
+def seen_behind(corners_m: FloatArray, size_m: Sequence[float]) -> tuple[SeenBehind, ...]:
+    """Return the walls of a room behind which triangles (T, 3, 3) lie."""
+    depths_m = _depths_m(corners_m, size_m)
+    behind = depths_m > _BEHIND * max(size_m)
+    return tuple(
+        SeenBehind(face=face, depth_m=float(np.median(depths_m[behind[:, k], k])))
+        for k, face in enumerate(FACES)
+        if behind[:, k].any()
+    )
+
+
+def _depths_m(corners_m: FloatArray, size_m: Sequence[float]) -> FloatArray:
+    """(T, 6) how far behind the plane of each of `FACES` a triangle's middle lies. [m]."""
+    middle = corners_m.mean(axis=1)
+    return np.stack([-middle, middle - np.array(size_m)], axis=2).reshape(len(middle), 6)
 
 
 def on_the_way(points_m: FloatArray, size_m: Sequence[float], position_m: FloatArray) -> FloatArray:

@@ -9,8 +9,10 @@ import numpy as np
 import pytest
 
 from calibration.geometry.pinhole import PinholeModel
+from rig.report.room import opening_words
 from rig.stages.light import choice
 from rig.stages.light.choice import FittedRoom, better_explained
+from rig.stages.surface.openings import seen_behind
 from rig.stages.surface.scene import scene_of
 from rig.stages.surface.standing import StandingRecord
 from rig.stages.surface.walls import finer_along, finer_where, finest_m, points_on, seen_edges
@@ -233,3 +235,14 @@ def test_hardly_any_light_leaves_a_room_through_its_openings():
     assert (hits.face >= 0).mean() > 0.9
     for position_m in positions_m:
         assert (trace(scene, position_m, directions[into]).face >= 0).mean() > 0.999
+
+
+def test_an_opening_is_told_with_the_wall_that_it_may_have_misplaced():
+    corners = np.array(NICHE[0])[np.array(NICHE[1])]
+    (found,) = seen_behind(corners, (4.0, 4.0, 2.0))
+    assert (found.face, found.depth_m) == ("y0", pytest.approx(0.4))
+    assert not seen_behind(corners + np.array([0, 0.39, 0]), (4.0, 4.0, 2.0)), "1 cm behind its wall is an error of the wall"
+    told = opening_words(found, ("y0", "floor"))
+    assert "y0 is open: through it something is seen 0.40 m behind" in told
+    assert "y1, which nobody saw, stands 0.40 m away from where it is taken to be" in told
+    assert "size_m" not in opening_words(found, ("y0", "y1", "floor")), "both walls were measured"
