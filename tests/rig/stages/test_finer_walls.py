@@ -241,7 +241,8 @@ def test_an_opening_is_told_with_the_wall_that_it_may_have_misplaced():
     corners = np.array(NICHE[0])[np.array(NICHE[1])]
     (found,) = seen_behind(corners, (4.0, 4.0, 2.0))
     assert (found.face, found.depth_m) == ("y0", pytest.approx(0.4))
-    assert not seen_behind(corners + np.array([0, 0.39, 0]), (4.0, 4.0, 2.0)), "1 cm behind its wall is an error of the wall"
+    nearly_on_it = corners + np.array([0, 0.39, 0])
+    assert not seen_behind(nearly_on_it, (4.0, 4.0, 2.0)), "1 cm behind its wall is an error of the wall"
     told = opening_words(found, ("y0", "floor"))
     assert "y0 is open: through it something is seen 0.40 m behind" in told
     assert "y1, which nobody saw, stands 0.40 m away from where it is taken to be" in told
