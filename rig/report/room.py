@@ -83,8 +83,7 @@ def _continued_words(triangles: int) -> str:
 
 def opening_words(one: SeenBehind, seen: Sequence[str]) -> str:
     """Return what an opening in a wall is, and what it leaves unknown of the wall opposite, unless that was seen."""
-    number = FACES.index(one.face)
-    opposite = FACES[number + 1 if number % 2 == 0 else number - 1]
+    opposite = FACES[FACES.index(one.face) ^ 1]  # faces come in pairs
     words = f" {one.face} is open: through it something is seen {one.depth_m:.2f} m behind (a niche, a door, a window)."
     if opposite in seen:
         return words

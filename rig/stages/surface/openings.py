@@ -88,7 +88,8 @@ def with_openings(walls: WallPatches, behind_m: FloatArray, devices_m: Sequence[
     behind, samples = _mesh(behind_m[:, [0, 1, 2, 2]]), _samples(walls.vertices_m)
     opens = np.zeros(samples.shape[:2], dtype=bool)
     for position_m in devices_m:
-        opens |= np.isfinite(_met_at(behind, position_m, samples.reshape(-1, 3))).reshape(opens.shape)
+        hits = trace(behind, position_m, _towards(position_m, samples.reshape(-1, 3)))
+        opens |= (hits.face >= 0).reshape(opens.shape)
     return walls.only(opens.mean(axis=1) <= _MOSTLY)
 
 
@@ -142,12 +143,6 @@ def _hides(sides_m: FloatArray, position_m: FloatArray, points_m: FloatArray) ->
     nearer = hits.distance < (1 - _SHY) * np.linalg.norm(points_m - position_m, axis=1)
     hides[hits.face[nearer]] = True
     return hides
-
-
-def _met_at(mesh: Mesh, position_m: FloatArray, through_m: FloatArray) -> FloatArray:
-    """(N,) how far from a position a ray through each point (N, 3) meets a mesh, on either side. [m]."""
-    hits = trace(mesh, position_m, _towards(position_m, through_m))
-    return np.where(hits.face >= 0, hits.distance, np.inf)
 
 
 def _towards(position_m: FloatArray, points_m: FloatArray) -> FloatArray:
