@@ -7,7 +7,8 @@ of 256 x 192. Correspondences are cast exactly, read as whole codes with the noi
 as in a session; lengths by tape are off as random_rigs.py draws them. Shapes: corners of 95 to 140 degrees, leaning
 walls, cylinders, domes, and balls in the corner, seen by ci-tiny's devices, with right angles promised and without;
 their tape runs between the spots as they lie there. `--drawn` draws more of them, with and without `size_m`; `--askew`
-draws rooms whose walls stand 0.3 degrees off square, and profiles that say so. A result is wrong, too, if its walls are
+draws rooms whose walls stand 0.3 degrees off square, and profiles that say so; `--bowed` rooms whose walls bulge by 1
+to 10 mm, before random rigs of 320 x 240 and 640 x 480 in turn. A result is wrong, too, if its walls are
 not where the lit points are (balls apart, which no wall stands for).
 """
 
@@ -22,7 +23,7 @@ from pathlib import Path
 
 import numpy as np
 import random_profiles
-from geometry_shapes import SHAPES, askew_room, drawn_shape, with_tape
+from geometry_shapes import SHAPES, askew_room, bowed_room, drawn_shape, with_tape
 from geometry_worlds import CodeNoise, Shape, box, exact_map, measured, points_of
 from numpy.typing import NDArray
 
@@ -91,7 +92,7 @@ class Outcome:
         return off > SIGMAS or self.share_off > max(SHARE, SIGMAS * self.share_sigma)
 
 
-def cases(rigs: int, tiny: int, seed: int, *, shapes: bool, drawn: int, askew: int) -> Iterator[Case]:
+def cases(rigs: int, tiny: int, seed: int, *, shapes: bool, drawn: int, askew: int, bowed: int) -> Iterator[Case]:
     """Rigs of both kinds with both noises, then shapes, then shapes that are drawn."""
     profile = load_profile("ci-tiny")
     noises = list(NOISE)
@@ -112,10 +113,12 @@ def cases(rigs: int, tiny: int, seed: int, *, shapes: bool, drawn: int, askew: i
         yield _before(shape, title, profile, k, right_angles=bool(right_angles), sized=bool(sized))
     for k in range(seed, seed + askew):
         yield _askew(_random_rig(k) if k % 2 else profile, k)
+    for k in range(seed, seed + bowed):
+        yield _bowed(k)
 
 
-def _random_rig(seed: int) -> Profile:
-    text = random_profiles.rig_of(seed, shapes=random_profiles.SMALL)
+def _random_rig(seed: int, shapes: random_profiles.Shapes = random_profiles.SMALL) -> Profile:
+    text = random_profiles.rig_of(seed, shapes=shapes)
     return Profile.parse(text.encode(), Path(f"random-{seed}.toml"))
 
 
@@ -127,6 +130,15 @@ def _askew(profile: Profile, seed: int) -> Case:
     camera_m = make_optics(settings.camera, profile.camera.shape[:2]).position_m
     shape = askew_room(np.array(settings.size_m), camera_m, USUAL_ASKEW_DEG, random)
     return _before(shape, f"askew {seed}", profile, seed, right_angles=True, askew_deg=USUAL_ASKEW_DEG)
+
+
+def _bowed(seed: int) -> Case:
+    """A random rig in its room, each of whose walls bulges."""
+    random = np.random.default_rng([seed, 34])
+    profile = _random_rig(seed, (random_profiles.SMALL, random_profiles.Shapes())[seed % 2])
+    bow_mm = round(float(random.uniform(1, 10)), 1)
+    shape = bowed_room(simulated(profile)[2], bow_mm / 1000, random)
+    return _before(shape, f"bowed by {bow_mm} mm {seed}", profile, seed, right_angles=True)
 
 
 def _before(
@@ -301,8 +313,9 @@ def main() -> int:
     parser.add_argument("--no-shapes", action="store_true")
     parser.add_argument("--drawn", type=int, default=0, help="shapes that are drawn at random")
     parser.add_argument("--askew", type=int, default=0, help="rooms whose walls stand off square, as profiles say")
+    parser.add_argument("--bowed", type=int, default=0, help="rooms whose walls bulge by millimetres")
     wanted = parser.parse_args()
-    counts = {"drawn": wanted.drawn, "askew": wanted.askew}
+    counts = {"drawn": wanted.drawn, "askew": wanted.askew, "bowed": wanted.bowed}
     todo = list(cases(wanted.rigs, wanted.tiny, wanted.seed, shapes=not wanted.no_shapes, **counts))
     found = []
     with ProcessPoolExecutor(wanted.jobs) as executor:

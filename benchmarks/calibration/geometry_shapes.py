@@ -6,7 +6,7 @@ import itertools
 from collections.abc import Mapping
 
 import numpy as np
-from geometry_worlds import HalfSpace, Round, Shape, box, points_of
+from geometry_worlds import BowedWall, HalfSpace, Round, Shape, box, points_of
 from numpy.typing import NDArray
 
 from rig.devices.simulated.optics import make_optics
@@ -64,6 +64,15 @@ def askew_room(size_m: FloatArray, camera_m: FloatArray, askew_deg: float, rando
         normal /= np.linalg.norm(normal)
         walls.append(HalfSpace(normal, float(normal @ foot)))
     return Shape(walls=tuple(walls), is_box=False)
+
+
+def bowed_room(size_m: FloatArray, bow_m: float, random: np.random.Generator) -> Shape:
+    """Return a box each of whose walls bulges smoothly, in or out, by about so much."""
+    walls = []
+    for axis, side in itertools.product(range(3), (0, 1)):
+        waves = random.normal(size=3) * (1.0, 0.5, 0.5)
+        walls.append(BowedWall(axis, side, size_m, bow_m * waves / np.abs(waves).sum()))
+    return Shape(walls=tuple(walls))
 
 
 def _corner(angle_deg: float) -> Shape:

@@ -16,6 +16,8 @@ from rig.devices.simulated.optics import SimulatedOptics, directions, pixels_of
 from rig.devices.simulated.pair import pixel_grid
 
 FloatArray = NDArray[np.float64]
+_BOW_STEPS = 40
+"""Of the way to a wall that bows, each shorter by its slope over that of the ray: 0.01 over 0.02 and more."""
 _LINES_ALIKE = 5
 """Of the projector, whose errors are smoothed: a stripe of four lines is the narrowest of most."""
 
@@ -33,6 +35,36 @@ class HalfSpace:
         with np.errstate(divide="ignore"):
             along = (self.offset_m - self.normal @ origin) / towards
         return np.where(towards > 0, along, np.inf)
+
+
+@dataclass(frozen=True, eq=False)
+class BowedWall:
+    """What lies inside of a wall of a box that bulges, and is where it ought to be along its edges."""
+
+    axis: int
+    side: int
+    """0 or 1."""
+    size_m: FloatArray
+    """(3,) of the box."""
+    waves_m: FloatArray
+    """(3,) of half a wave along both directions, a whole one along the first, a whole one along the second."""
+
+    def leave_m(self, origin: FloatArray, rays: FloatArray) -> FloatArray:
+        """(N,) distance at which rays from the inside leave."""
+        outwards = 2 * self.side - 1
+        flat = HalfSpace(outwards * np.eye(3)[self.axis], self.side * float(self.size_m[self.axis]))
+        first_m = flat.leave_m(origin, rays)
+        along_m = np.where(np.isfinite(first_m), first_m, 0.0)
+        for _ in range(_BOW_STEPS):
+            bow_m = self._bow_m(origin + along_m[:, None] * rays)
+            along_m = np.where(np.isfinite(first_m), first_m + bow_m / (outwards * rays[:, self.axis]), 0.0)
+        return np.where(np.isfinite(first_m), along_m, np.inf)
+
+    def _bow_m(self, points_m: FloatArray) -> FloatArray:
+        others = np.delete(np.arange(3), self.axis)
+        u, v = (np.pi * points_m[:, others] / self.size_m[others]).T
+        waves = (np.sin(u) * np.sin(v), np.sin(2 * u) * np.sin(v), np.sin(u) * np.sin(2 * v))
+        return np.asarray(np.tensordot(self.waves_m, waves, 1))
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,7 +102,7 @@ class Round:
 class Shape:
     """The inside of some walls, with balls in it."""
 
-    walls: tuple[HalfSpace | Round, ...]
+    walls: tuple[HalfSpace | Round | BowedWall, ...]
     balls: tuple[Round, ...] = ()
     is_box: bool = True
     """Balls apart."""

@@ -92,16 +92,21 @@ def hold_against_all(
     rough = adjust_to_held_planes(x1, x2, bundle, nominal, rounds=rounds, weight=weight)
     check_one_surface(rough, x1, x2)
     check_walls_end(rough, x1)
+    bows = rough.found_bows()
+    x2 = x2 if bows is None else bows.straightened(x1, x2)
     a, b = x1[:_SOME], x2[:_SOME]
     rounds = Rounds(limits_px=(2.0, 1.0), iterations=10, margin_share=margin_share)
     free = adjust(a, b, rough.with_planes(rough.planes), nominal, rounds=rounds, weight=weight[:_SOME])
     check_flat(free or rough, a if free else x1)
     check_no_facets(free or rough, *((a, b) if free else (x1, x2)))
     angle_sigmas = None if free is None else _check_angles(rough, free)
-    variance = observation_variance(rough.fit, x1[rough.used], rough.fit_label, x2[rough.used])
+    if bows is None:
+        variance = observation_variance(rough.fit, rough.error.x1, rough.fit_label, rough.error.x2)
+    else:
+        variance = bows.variance_px2
     rounds = Rounds(limits_px=(1.0,), iterations=10, variance_px2=variance, margin_share=margin_share)
     fit = adjust_to_held_planes(x1, x2, rough, nominal, rounds=rounds, weight=weight)
-    final = replace(fit, right_angle_sigmas=angle_sigmas)
+    final = replace(fit, right_angle_sigmas=angle_sigmas, bows=bows)
     check_data_sheets(final, np.sqrt(np.diag(final.covariance)))
     check_determined(final, final.covariance)
     check_none_left_out(final, x1, x2)

@@ -84,7 +84,7 @@ def effective_unknowns(fit: Fit) -> float:
     return float(len(fit.z) - fit.priors.weight * np.sum(fit.priors.precision * covariance(fit, 1.0)))
 
 
-def covariance(fit: Fit, variance_px2: float) -> FloatArray:
+def covariance(fit: Fit, variance_px2: float, taken: FloatArray | float = 0.0) -> FloatArray:
     """Return the covariance of a solution from the curvature of its cost, priors included.
 
     Parameters
@@ -93,18 +93,24 @@ def covariance(fit: Fit, variance_px2: float) -> FloatArray:
         A solution, whose priors were weighed by that variance.
     variance_px2 : float
         Of an independent observation. [px²]
+    taken : (n, n), optional
+        What other unknowns, which the points leave open, take from the curvature.
 
     Returns
     -------
     (n, n)
         Covariance of the unknowns; a direction that changes nothing (the length of the translation) has none.
     """
-    scale = 1 / np.sqrt(np.maximum(np.diag(fit.hessian), 1e-300))
-    values, vectors = np.linalg.eigh(fit.hessian * np.outer(scale, scale))
+    return np.asarray(variance_px2 * inverse_of(fit.hessian - taken))
+
+
+def inverse_of(hessian: FloatArray) -> FloatArray:
+    """Return the inverse of a curvature (n, n), zero in the direction that changes nothing."""
+    scale = 1 / np.sqrt(np.maximum(np.diag(hessian), 1e-300))
+    values, vectors = np.linalg.eigh(hessian * np.outer(scale, scale))
     # The length of the translation changes nothing: one eigenvalue is zero but for rounding.
     inverse = np.where(values > 1e-12 * values.max(), 1 / np.maximum(values, 1e-300), 0.0)
-    found = (vectors * inverse) @ vectors.T * np.outer(scale, scale)
-    return np.asarray(variance_px2 * found)
+    return np.asarray((vectors * inverse) @ vectors.T * np.outer(scale, scale))
 
 
 def shared_error_px(fit: Fit, x1: FloatArray, label: IntArray) -> float:

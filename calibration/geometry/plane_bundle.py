@@ -16,6 +16,7 @@ from calibration.arrays import FloatArray, IntArray
 from calibration.errors import CalibrationError
 from calibration.geometry.bundle_residual import LandingError, landed, rays_of
 from calibration.geometry.bundle_unknowns import PlanarScene, priors_of, scene_of, unknowns_of
+from calibration.geometry.flat.bows import Bows, bows_of, taken_by_bows
 from calibration.geometry.known.nominal import NominalIntrinsics
 from calibration.geometry.noise import common_covariance, covariance, shared_error_px
 from calibration.geometry.pinhole import PinholeModel
@@ -57,13 +58,24 @@ class BundleSolution(PlanarScene):
     """(n, n) mean square by which the unknowns leave their tangent where they are free to move far."""
     right_angle_sigmas: float | None = None
     """By how much a fit without right angles explains the points better; None where there is no such fit."""
+    bows: Bows | None = None
+    """Of the walls, which were taken out of the points; None where they are flat."""
 
     @cached_property
     def covariance(self) -> FloatArray:
-        """(n, n) of the unknowns: from noise, from what all points of a wall are off together, from the bend."""
-        noise = covariance(self.fit, self.fit.priors.weight) + self.bend
+        """(n, n) of the unknowns: from noise, bows, what all points of a wall are off together, and the bend."""
+        taken = 0.0 if self.bows is None else taken_by_bows(self, self.fit, self.error, self.bows.spread)
+        noise = covariance(self.fit, self.fit.priors.weight, taken) + self.bend
         shared_px = shared_error_px(self.fit, self.error.x1, self.fit_label)
         return noise + common_covariance(self.fit, self.fit_label, self.error.weight, shared_px)
+
+    def found_bows(self) -> Bows | None:
+        """Return how the walls bow in this fit to points as they are; None where they are flat, or no walls at all."""
+        return bows_of(self, self.fit, self.error)
+
+    def straightened(self, x1: FloatArray, x2: FloatArray) -> FloatArray:
+        """Return projector pixels (N, 2) as flat walls would have them."""
+        return x2 if self.bows is None else self.bows.straightened(x1, x2)
 
     @property
     def share(self) -> float:

@@ -117,6 +117,8 @@ def room_from_stereo(
     notes = _close(devices, low, high, size_m)
     if lens_height_m is not None and "floor" not in seen:
         notes += f" The floor is {lens_height_m:g} m below the projector's lens, by tape."
+    if stereo.bow:
+        notes += f" Walls bow, by up to {1000 * stereo.bow:.1f} mm rms, which is part of all sigmas."
     _check_inside(stereo, frame, devices, (low, high))
     origin = np.array([value for value in low if value is not None])
     size = np.array([b - a for a, b in zip(low, high, strict=True) if a is not None and b is not None])

@@ -86,6 +86,8 @@ class StereoCalibration:
     """What it rests on beside the points, in words."""
     right_angle_sigmas: float | None = None
     """By how much the points and the data sheets speak against right angles; None where none were taken."""
+    bow: float = 0.0
+    """Root mean square by which the wall bows that does most, 0 where all are flat; in metres once scaled."""
 
     @property
     def baseline(self) -> float:
@@ -288,6 +290,7 @@ def _finished(bundle: BundleSolution, x1: FloatArray, x2: FloatArray, nominal: N
         sigmas=lens_sigmas(bundle.covariance, nominal),
         inlier_share=float(used.mean()),
         explained=ExplainedPixels(projector_xy_px=x2[used], plane=bundle.label[used], others_xy_px=x2[~used]),
+        bow=0.0 if bundle.bows is None else bundle.bows.most,
         uncertainty=Uncertainty(
             unknowns=bundle.fit.z,
             covariance=bundle.covariance,

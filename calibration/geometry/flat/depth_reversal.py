@@ -66,16 +66,17 @@ def likelier_depths(
         If the points and the data sheets tell the two rooms apart by less than four sigma.
     """
     some = points.chosen(slice(0, n_fitted))
-    other = reversed_fit(fit, some, nominal)
-    if other is None:
+    exchanged = reversed_fit(fit, some, nominal)
+    if exchanged is None:
         return found
-    beside = with_third_wall(other, points, nominal, n_fitted=n_fitted)
-    gain = _gain(found.solution, beside.solution, some)
+    beside = with_third_wall(exchanged, points, nominal, n_fitted=n_fitted)
+    one, other = (_as_flat(each.solution, some, nominal) for each in (found, beside))
+    gain = _gain(one, other, some)
     if abs(gain) < SIGMAS**2:
-        one, other_one, sigmas = _told(found.solution), _told(beside.solution), float(np.sqrt(abs(gain)))
+        sigmas = float(np.sqrt(abs(gain)))
         raise CalibrationError(
-            f"two rooms explain the points equally well, to {sigmas:.1f} sigma, the limit is {SIGMAS:g}: {one}, or "
-            f"{other_one}. Walls seen from nearly one place do not tell near from far: show a strip of floor or "
+            f"two rooms explain the points equally well, to {sigmas:.1f} sigma, the limit is {SIGMAS:g}: {_told(one)}, "
+            f"or {_told(other)}. Walls seen from nearly one place do not tell near from far: show a strip of floor or "
             "ceiling, move the camera further from the projector, or give both devices a lens file (rig lenses)"
         )
     return beside if gain > 0 else found
@@ -179,6 +180,15 @@ def _turned_to(projector: PinholeModel, position: FloatArray, points: FloatArray
         return off_px, replace(lens, rotation=rotation, translation_m=-rotation @ position)
 
     return min((turned(float(factor)) for factor in _FOCAL_FACTORS), key=lambda pair: pair[0])[1]
+
+
+def _as_flat(fit: BundleSolution, points: WeighedPoints, nominal: NominalIntrinsics) -> BundleSolution:
+    """Fit flat walls where they bow: one room's walls must not bow to what would tell it from the other."""
+    if fit.bows is None:
+        return fit
+    rounds = Rounds(limits_px=(1.0,), iterations=10, variance_px2=fit.bows.variance_as_flat_px2)
+    x1, x2 = points.camera_xy_px, points.projector_xy_px
+    return adjust(x1, x2, fit, nominal, rounds=rounds, weight=points.weight) or fit
 
 
 def _gain(one: BundleSolution, other: BundleSolution, points: WeighedPoints) -> float:

@@ -86,7 +86,7 @@ def weights_of(sigma_px: FloatArray | None, order: IntArray, *, usual_of: int) -
 
 @dataclass(frozen=True, eq=False)
 class RestingOn:
-    """A fit, and the points that it is of."""
+    """A fit, and the points that it is of, as flat walls would have them."""
 
     solution: BundleSolution
     points: WeighedPoints
@@ -113,6 +113,7 @@ def with_third_wall(
     RestingOn
         The fit that was given, where there is no such strip or its wall contradicts something.
     """
+    points = replace(points, projector_xy_px=fit.straightened(points.camera_xy_px, points.projector_xy_px))
     fitted = points.chosen(slice(0, n_fitted))
     found = _strip(fit, points)
     if found is None:
@@ -135,7 +136,8 @@ def with_third_wall(
     on_it = (closed.label == len(fit.planes))[np.isin(together[away], rows)]
     if on_it.size < _LEAST_TAKEN or on_it.mean() < _MOST_OF_STRIP:
         return RestingOn(fit, fitted)
-    return RestingOn(closed, chosen.chosen(away))
+    # The points are straight already: what their walls bow by, they no longer tell.
+    return RestingOn(replace(closed, bows=fit.bows or closed.bows), chosen.chosen(away))
 
 
 def _away_from_edges(scene: PlanarScene, camera_xy_px: FloatArray) -> IntArray:
@@ -246,4 +248,4 @@ def _closes(fit: BundleSolution, on_walls: WeighedPoints, plane: FloatArray) -> 
     some = on_walls.chosen(slice(0, len(fit.label)))
     seen = triangulate(some.camera_xy_px, some.projector_xy_px, *fit.devices)
     beyond = seen.points_m[seen.in_front] @ plane > _BEYOND
-    return bool(beyond.mean() < _MOST_BEYOND) and bool(fit.projector.position_m @ plane < 1)
+    return bool(beyond.sum() < _MOST_BEYOND * len(beyond)) and bool(fit.projector.position_m @ plane < 1)

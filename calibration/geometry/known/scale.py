@@ -22,7 +22,7 @@ def _scaled(stereo: StereoCalibration, factor: float) -> StereoCalibration:
     """Multiply every length by a factor."""
     devices = (stereo.camera, stereo.projector)
     camera, projector = (replace(device, translation_m=device.translation_m * factor) for device in devices)
-    return replace(stereo, camera=camera, projector=projector, planes=stereo.planes / factor)
+    return replace(stereo, camera=camera, projector=projector, planes=stereo.planes / factor, bow=stereo.bow * factor)
 
 
 def scale_from_baseline(stereo: StereoCalibration, baseline_m: float) -> StereoCalibration:
