@@ -35,6 +35,9 @@ _SPREADS = np.geomspace(1e-5, 0.006, 30)[:, None] * _FALL
 _LEAST_GAIN = 2.0
 """Of log evidence: bows are seven times as likely as none. Flat walls of simulated rooms: mostly -6 to 0.8; such as bow
 by 8 mm: 3 at 320 x 240; by 5 mm: 7 there, 2300 at 960 x 720. Of 8 mm that were not believed, a turn was 5 sigma off."""
+_LEANING = np.concatenate([_SPREADS * np.where(_DEGREE == 1, times, 1.0) for times in (3.0, 10.0, 30.0)])
+_MOST_LEANING = 4.5
+"""Spreads of terms where walls lean further than they bow, and what log evidence may be for these: three sigmas."""
 _MOST_BOW = 0.003
 """Root mean square by which a wall leaves its plane, over its extent: 12 mm in 4 m, where DIN 18202 lets plaster be
 uneven by 10 mm at most. A facet for a cylinder bows by 0.009 where it is a quarter of the radius wide."""
@@ -153,7 +156,8 @@ def bows_of(scene: PlanarScene, fit: Fit, error: LandingError) -> Bows | None:
     Returns
     -------
     Bows or None
-        None, too, where a wall bows by more than 0.3 % of its extent: what that is, is not told here.
+        None, too, where a wall bows by more than 0.3 % of its extent, or where walls lean that ought to be square, by
+        more than bows explain: what that is, is not told here.
     """
     normal = _BowsInFit.of(scene, fit, error)
     if normal is None:
@@ -167,7 +171,8 @@ def bows_of(scene: PlanarScene, fit: Fit, error: LandingError) -> Bows | None:
         if settled:
             break
     terms = normal.by_wall(likeliest.terms)
-    if likeliest.gain < _LEAST_GAIN or max(map(_share, normal.walls, terms)) > _MOST_BOW:
+    is_likely = likeliest.gain > _LEAST_GAIN and likeliest.leaning < _MOST_LEANING
+    if not is_likely or max(map(_share, normal.walls, terms)) > _MOST_BOW:
         return None
     return Bows(
         scene=scene,
@@ -216,6 +221,8 @@ class _Likeliest:
     spread: FloatArray
     gain: float
     """Of log evidence, over walls that are flat, if askew."""
+    leaning: float
+    """Of log evidence for walls that lean further than they bow, over these."""
     terms: FloatArray
     residual: FloatArray
     """(N, 2) that is left beside them. [px]"""
@@ -277,18 +284,22 @@ class _BowsInFit:
         values, vectors = values[open_], vectors[:, open_]
         curvature = vectors * values @ vectors.T
         pull = vectors @ vectors.T @ (self._pull - self.shared.T @ inverse @ slope)
-        told, askew = (
-            [_evidence(curvature, pull, self.of_all(spread), variance_px2) for spread in spreads]
-            for spreads in (_SPREADS, _SPREADS * (_DEGREE < _BENT))
+        gains, askew, leaning = (
+            np.array([_evidence(curvature, pull, self.of_all(spread), variance_px2)[0] for spread in spreads])
+            for spreads in (_SPREADS, _SPREADS * (_DEGREE < _BENT), _LEANING)
         )
-        gains = np.array([gain for gain, _ in told])
         likely = np.exp(gains - gains.max())
         spread = np.sqrt(likely @ _SPREADS**2 / likely.sum())
-        gain = float(gains.max()) - max(0.0, *(gain for gain, _ in askew))
-        terms = _evidence(curvature, pull, self.of_all(spread), variance_px2)[1]
+        _, terms = _evidence(curvature, pull, self.of_all(spread), variance_px2)
         moved = -inverse @ (self.shared @ terms + slope)
         residual = fit.residual + np.tensordot(moved, fit.jacobian, 1) + self.columns @ terms
-        return _Likeliest(spread=spread, gain=gain, terms=terms, residual=residual)
+        return _Likeliest(
+            spread=spread,
+            gain=float(gains.max() - max(0.0, askew.max())),
+            leaning=float(leaning.max() - gains.max()),
+            terms=terms,
+            residual=residual,
+        )
 
     def of_all(self, spread: FloatArray) -> FloatArray:
         """Return the standard deviations of all walls' terms."""
