@@ -37,8 +37,8 @@ _ASKEW = _SPREADS * (_DEGREE < _BENT)
 _LEANING = np.concatenate([_SPREADS * np.where(_DEGREE == 1, times, 1.0) for times in (3.0, 6.0)])
 _MOST_LEANING = 6.0
 """Spreads of walls that lean further than they bow, and what log evidence may be for these. For square walls that bow,
-of nine random rigs: at most 3.6. For six rooms that bow by 4 mm and stand 0.3 degrees askew: 0.7 to 36, and 9 to 36 where
-what rests on their being square is more than 3.5 sigma off."""
+of nine random rigs: at most 3.6. For six rooms that bow by 4 mm and stand 0.3 degrees askew: 0.7 to 36, and 9 to 36
+where what rests on their being square is more than 3.5 sigma off."""
 _LEAST_GAIN = 2.0
 """Of log evidence: bows are seven times as likely as none. Flat walls of simulated rooms: mostly -6 to 0.8; such as bow
 by 8 mm: 3 at 320 x 240; by 5 mm: 7 there, 2300 at 960 x 720. Of 8 mm that were not believed, a turn was 5 sigma off."""
