@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import combinations, product
 
@@ -46,65 +46,8 @@ _PARALLEL = 0.6
 """Cosine from which on a normal is taken to be another face of the second axis."""
 _NEVER_DEG = 70.0
 """A plane whose normal is so far from an axis with planes is not one of them, however wrong the lenses are."""
-_REACH_SHARE, _NEIGHBOURS, _LEAST_NEIGHBOURS = 0.03, 12, 3
-"""How far from a projector pixel points tell its wall, as a share of the lit width; how many, and how few."""
-_AGREED = 0.5
-"""Share of them that have to lie on one wall."""
 _FACING = np.cos(np.radians(8.0))
 """Cosine to which two planes may also be the walls of a corner: lenses as held at first showed one at 156 degrees."""
-_FAR_REACH_SHARE = 0.1
-"""Further away, a spot that the camera does not see is taken for the wall of the nearest points only if all agree. From
-0.15 of the width on, a spot on a ceiling that nobody saw was once taken for the wall below it: all lengths 21 % off."""
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class ExplainedPixels:
-    """Projector pixels of correspondences that a plane explains."""
-
-    projector_xy_px: FloatArray
-    """(M, 2) [px]"""
-    plane: IntArray
-    """(M,) plane of each."""
-    others_xy_px: FloatArray = field(default_factory=lambda: np.zeros((0, 2)))
-    """(L, 2) projector pixels of correspondences that no plane explains. [px]"""
-
-    def plane_at(self, xy_px: FloatArray) -> IntArray:
-        """(N,) plane of most points around projector pixels (N, 2); -1 where there are none, or most lie on none."""
-        return np.where(self._on_none(xy_px), -1, self._voted(xy_px, _REACH_SHARE, agreed=_AGREED))
-
-    def plane_beside(self, xy_px: FloatArray) -> IntArray:
-        """(N,) plane of all nearest points on planes, not further than a tenth of what is lit; -1 where they differ.
-
-        -1, too, where points were measured around a pixel, and most lie on no plane.
-        """
-        return np.where(self._on_none(xy_px), -1, self._voted(xy_px, _FAR_REACH_SHARE, agreed=1.0))
-
-    def _on_none(self, xy_px: FloatArray) -> BoolArray:
-        """(N,) pixels around which points were measured, of which most lie on no plane: furniture, or a wall left."""
-        both = np.concatenate([self.projector_xy_px, self.others_xy_px])
-        is_other = np.arange(len(both)) >= len(self.plane)
-        near = [_nearest(both, pixel, _REACH_SHARE * self._width_px) for pixel in xy_px]
-        return np.array([len(rows) >= _LEAST_NEIGHBOURS and is_other[rows].mean() > _AGREED for rows in near], bool)
-
-    @property
-    def _width_px(self) -> float:
-        return float(np.ptp(self.projector_xy_px[:, 0])) if len(self.plane) else 0.0
-
-    def _voted(self, xy_px: FloatArray, reach_share: float, *, agreed: float) -> IntArray:
-        found = np.full(len(xy_px), -1, dtype=np.int64)
-        for k, pixel in enumerate(xy_px):
-            near = _nearest(self.projector_xy_px, pixel, reach_share * self._width_px)
-            if len(near) >= _LEAST_NEIGHBOURS:
-                votes = np.bincount(self.plane[near])
-                found[k] = votes.argmax() if votes.max() >= agreed * len(near) else -1
-        return found
-
-
-def _nearest(xy_px: FloatArray, pixel: FloatArray, reach_px: float) -> IntArray:
-    """Rows of the pixels nearest to one, within a square around it."""
-    away = np.maximum(*np.abs(xy_px - pixel).T)
-    near = np.flatnonzero(away <= reach_px)
-    return np.asarray(near[np.argsort(away[near], kind="stable")[:_NEIGHBOURS]])
 
 
 @dataclass(frozen=True, eq=False)

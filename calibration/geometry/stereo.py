@@ -26,18 +26,22 @@ from calibration.geometry.flat.one_wall import fit_where_flat
 from calibration.geometry.flat.rivals import uncontradicted_rival, with_square_walls
 from calibration.geometry.flat.third_wall import WeighedPoints, weights_of, with_third_wall
 from calibration.geometry.known.contradiction import OtherLens, contradiction, hold_against_boards
+from calibration.geometry.known.explained import ExplainedPixels
 from calibration.geometry.known.lenses import KnownLenses
 from calibration.geometry.known.nominal import NominalIntrinsics
 from calibration.geometry.known.right_angles import by_askew_walls, found_square
 from calibration.geometry.noise import standard_deviations
 from calibration.geometry.pinhole import PinholeModel, points_on_planes, project
 from calibration.geometry.plane_bundle import BundleSolution
-from calibration.geometry.planes import Axes, ExplainedPixels
+from calibration.geometry.planes import Axes
+from calibration.geometry.support import explained_within_px, plane_errors_px
 
 MIN_POINTS = 500
 """Correspondences: below, a wall with 2 % of them has ten."""
 _MANY = 10000
 """Points that the result rests on."""
+_CLOSER = 4
+"""Times as many points as the fit's are looked through for such as lie on no wall: of a strip there are few."""
 _OTHERS = 12
 """Fits that are tried after the first was refused."""
 
@@ -261,7 +265,19 @@ def _calibrated(
     resting = likelier_depths(final, resting, points, nominal, n_fitted=fitted)
     report(3, 3)
     found = _finished(resting.solution, resting.points.camera_xy_px, resting.points.projector_xy_px, nominal)
-    return replace(found, right_angle_sigmas=final.right_angle_sigmas)
+    explained = found.explained.with_others(_on_no_plane(resting.solution, points, fitted=fitted))
+    return replace(found, right_angle_sigmas=final.right_angle_sigmas, explained=explained)
+
+
+def _on_no_plane(solution: BundleSolution, points: WeighedPoints, *, fitted: int) -> FloatArray:
+    """(N, 2) projector pixels that no plane explains, of points beyond those of the fit.
+
+    Points beside edges are among them: a strip of a wall that the camera hardly sees is nothing else.
+    """
+    left = slice(fitted, None, max(1, len(points.weight) // (_CLOSER * fitted)))
+    x1, x2 = points.camera_xy_px[left], points.projector_xy_px[left]
+    errors = plane_errors_px(solution, x1, solution.straightened(x1, x2)).min(axis=0)
+    return x2[errors > explained_within_px(errors)] if len(errors) else x2
 
 
 def _check_count(n: int) -> None:

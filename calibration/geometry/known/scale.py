@@ -67,7 +67,7 @@ def scale_from_spots(stereo: StereoCalibration, spots_px: ArrayLike, distance_m:
     """
     pixels = np.asarray(spots_px, dtype=np.float64)
     which = _planes_at(stereo, pixels)
-    _refuse_edges(stereo, pixels, which)
+    _refuse_edges(stereo, pixels, np.where(which < 0, stereo.explained.plane_at(pixels), which))
     unknown = np.flatnonzero(which < 0)
     if len(unknown):
         named = " and ".join(f"({x:g}, {y:g})" for x, y in pixels[unknown])
@@ -103,9 +103,10 @@ def points_of_projector_pixels(stereo: StereoCalibration, xy_px: FloatArray) -> 
 
 
 def _planes_at(stereo: StereoCalibration, xy_px: FloatArray) -> IntArray:
-    """(N,) plane that projector pixels light: of the points around, or of the nearest if their ray meets it first."""
-    around, beside = stereo.explained.plane_at(xy_px), stereo.explained.plane_beside(xy_px)
-    first = _along(stereo, xy_px).argmin(axis=1)
+    """(N,) plane that projector pixels light: of points all around, or of all nearest if their ray meets it first."""
+    explained = stereo.explained
+    around = np.where(explained.are_among(xy_px), explained.plane_at(xy_px), -1)
+    beside, first = explained.plane_beside(xy_px), _along(stereo, xy_px).argmin(axis=1)
     return np.where(around >= 0, around, np.where(beside == first, beside, -1))
 
 

@@ -19,11 +19,12 @@ from calibration.geometry.contradictions import (
 )
 from calibration.geometry.flat import left_out, rivals
 from calibration.geometry.flat.left_out import check_none_left_out
+from calibration.geometry.known.explained import ExplainedPixels
 from calibration.geometry.known.scale import _along, scale_from_spots
 from calibration.geometry.noise import covariance, observation_variance
 from calibration.geometry.pinhole import PinholeModel
 from calibration.geometry.plane_bundle import refit, transfer_of
-from calibration.geometry.planes import Axes, ExplainedPixels
+from calibration.geometry.planes import Axes
 from calibration.geometry.robust_fit import Priors, robust_fit
 from calibration.geometry.stereo import StereoCalibration
 from calibration.geometry.support import bends_of, exclusive_points, mixed_share, plane_errors_px, standing_planes
@@ -292,7 +293,20 @@ def test_a_spot_among_points_that_no_plane_explains_lies_on_none():
     )
     places = np.array([[20.0, 40.0], [80.0, 42.0], [106.0, 40.0]])
     assert explained.plane_at(places).tolist() == [0, -1, -1]
-    assert explained.plane_beside(places).tolist() == [0, -1, 0]
+    assert explained.plane_beside(places).tolist() == [0, -1, -1], "beside what lies on none, too"
+
+
+def test_a_spot_beyond_a_strip_that_lies_on_no_plane_lies_on_none():
+    """The camera sees a few pixels of the wall on which the spot is, and from there on another one."""
+    wall = np.stack(np.meshgrid(np.arange(60.0, 200, 2), np.arange(0.0, 80, 2)), -1).reshape(-1, 2)
+    strip = np.stack(np.meshgrid(np.arange(56.0, 60, 2), np.arange(0.0, 80, 4)), -1).reshape(-1, 2)
+    explained = ExplainedPixels(projector_xy_px=wall, plane=np.zeros(len(wall), dtype=np.int64))
+    spot = np.array([[52.0, 40.0]])
+    assert not explained.are_among(spot).any(), "points are on one side only"
+    assert explained.are_among(np.array([[92.0, 40.0]])).all()
+    assert explained.plane_beside(spot).tolist() == [0]
+    assert explained.with_others(strip).plane_beside(spot).tolist() == [-1]
+    assert explained.with_others(strip[:2]).plane_beside(spot).tolist() == [0], "two of twelve may be strays"
 
 
 def of_two_walls(room, corner, bend_px):

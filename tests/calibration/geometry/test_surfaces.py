@@ -8,10 +8,10 @@ import pytest
 
 from calibration.errors import CalibrationError
 from calibration.geometry.flat.misfit import MOST_MISFIT_M, check_walls_fit, misfit_at_walls_m
+from calibration.geometry.known.explained import ExplainedPixels
 from calibration.geometry.known.tape import check_against_tape
 from calibration.geometry.pinhole import PinholeModel, project
 from calibration.geometry.planes import (
-    ExplainedPixels,
     ViewedPoints,
     assign_planes,
     axis_hypotheses,
