@@ -36,7 +36,7 @@ _MOSTLY = 0.9
 _NEARLY_ALL = 95
 """Percentile of distances that a wall is said to be off by."""
 _TWO_SURFACES_M = 0.3
-"""Parallel planes further apart are two surfaces, not one found twice."""
+"""Of parallel surfaces within so much of the outermost, the one with most points is the wall: a niche is no room."""
 
 
 Extents = list[float | None]
@@ -315,10 +315,8 @@ def _extents(stereo: StereoCalibration, frame: FloatArray) -> tuple[Extents, Ext
 
     A plane that is a little askew becomes the wall that is nearest to what was measured of it.
     """
-    low: Extents = [None, None, None]
-    high: Extents = [None, None, None]
-    seen: set[str] = set()
     points, off = lit_points(stereo) @ frame.T, [np.zeros(1)]
+    found: dict[str, list[tuple[float, int]]] = {}
     for number, (plane, axis) in enumerate(zip(stereo.planes, stereo.axes, strict=True)):
         if axis < 0:
             continue
@@ -328,14 +326,19 @@ def _extents(stereo: StereoCalibration, frame: FloatArray) -> tuple[Extents, Ext
         foot = float(np.sign(alignment[k]) / np.linalg.norm(plane))
         position = float(on_plane.mean()) if len(on_plane) else foot
         off.append(np.abs(on_plane - position))
-        side, name = (high, FACES[2 * k + 1]) if foot > 0 else (low, FACES[2 * k])
-        held = side[k]
-        if held is not None and abs(held - position) > _TWO_SURFACES_M:
-            # A second, parallel surface (a cupboard, a step): the outer one is the room's wall.
-            position = max(held, position, key=abs)
-        side[k] = position
-        seen.add(name)
-    return low, high, seen, float(np.percentile(np.concatenate(off), _NEARLY_ALL))
+        found.setdefault(FACES[2 * k + (foot > 0)], []).append((position, len(on_plane)))
+    places = [_wall_among(found[name]) if name in found else None for name in FACES]
+    return places[::2], places[1::2], set(found), float(np.percentile(np.concatenate(off), _NEARLY_ALL))
+
+
+def _wall_among(surfaces: list[tuple[float, int]]) -> float:
+    """Position of the wall among parallel surfaces, each with its points: a cupboard or a beam stands before it.
+
+    The outermost; but of those that are not far from it, as the wall around a niche is, the one with most points.
+    """
+    outermost = max((position for position, _ in surfaces), key=abs)
+    near = [one for one in surfaces if abs(one[0] - outermost) <= _TWO_SURFACES_M]
+    return max(near, key=lambda one: one[1])[0]
 
 
 def _close(devices: FloatArray, low: Extents, high: Extents, size_m: tuple[float, float, float] | None) -> str:

@@ -129,7 +129,8 @@ def shares_behind(planes: FloatArray, points: FloatArray, plane_of: IntArray) ->
 
 def explained_within_px(best_px: FloatArray) -> float:
     """Return the distance within which a plane explains a point, of all points' distances from their nearest (N,)."""
-    return float(np.clip(_LIMIT_SCALES * np.median(best_px), _LEAST_LIMIT_PX, _LARGEST_LIMIT_PX))
+    median_px = float(np.median(best_px)) if len(best_px) else np.inf
+    return float(np.clip(_LIMIT_SCALES * median_px, _LEAST_LIMIT_PX, _LARGEST_LIMIT_PX))
 
 
 def exclusive_points(errors_px: FloatArray) -> BoolArray:
