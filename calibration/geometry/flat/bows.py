@@ -1,6 +1,6 @@
 """Walls that are not quite flat: plaster bows by millimetres, and a camera with many pixels sees that.
 
-Held for flat, a room whose walls bow by 5 mm bends its lenses: at 320 x 240 the camera's height was 3 sigma off, at
+Held for flat, a room whose walls bow by 5 mm bends its lenses: at 320 x 240 the ceiling was 3 sigma off, at
 960 x 720 the walls were told to stand at no right angles. So each wall may bow, smoothly and a little; how much, the
 points tell.
 """
