@@ -158,7 +158,7 @@ def standing_of(session: Session, geometry: GeometryRecord, shift_m: Point) -> F
     points = replace(every, distance_m=np.where(stands, every.distance_m, np.nan))
     surely = parts_of(points, pieces_of(points, stands, LEAST_PIXELS), LEAST_PIXELS)
     parts = up_to_walls(every, surely, told.wall_distance_m)
-    apart_m = apart_from_walls(box, every.origin_m + every.distance_m[..., None] * every.rays)
+    apart_m = apart_from_walls(box, points.origin_m + points.distance_m[..., None] * points.rays)
     patch_size_m = session.profile.room.patch_size_m
     found = triangulated(every, parts, box.camera, patch_size_m, apart_m=apart_m)
     seen = parts.label >= 0
