@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from calibration.geometry.known.nominal import NominalIntrinsics
+from calibration.geometry.pinhole import vector_of
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -148,6 +149,17 @@ class SyntheticRoom:
             if name in values:
                 values[name] = replace(getattr(self, name), **values[name])
         return replace(self, **values)
+
+
+def errors_by_sigma(room, pair):
+    """Of both focal lengths, and of the devices' turn against each other; each by its own sigma."""
+
+    def figures(one):
+        turn = vector_of(one.projector.rotation @ room.camera.rotation @ room.projector.rotation.T)
+        return np.array([one.camera.focal_px[0], one.projector.focal_px[0], *turn])
+
+    true = np.array([room.camera.focal_px, room.projector.focal_px, 0.0, 0.0, 0.0])
+    return (figures(pair) - true) / pair.sigmas_of(figures)
 
 
 @pytest.fixture(scope="session")

@@ -7,11 +7,10 @@ import pytest
 
 from calibration.errors import CalibrationError
 from calibration.geometry.flat.bows import bows_of, taken_by_bows
-from calibration.geometry.pinhole import vector_of
 from calibration.geometry.plane_bundle import Rounds, adjust
 from calibration.geometry.plane_search import candidates
 from calibration.geometry.stereo import calibrate_stereo
-from tests.calibration.conftest import FACES, SyntheticRoom
+from tests.calibration.conftest import FACES, SyntheticRoom, errors_by_sigma
 
 DRAWS = 4
 
@@ -62,17 +61,6 @@ class BowedRoom(SyntheticRoom):
         standing = np.array([[name in self.faces for name in pair] for pair in FACES]).T
         off = np.where(standing[:, None], np.abs(np.stack([points, np.array(self.size_m) - points])), np.inf)
         return np.sort(off.min(axis=0), axis=1)[:, 1]
-
-
-def errors_by_sigma(room, pair):
-    """Of both focal lengths, and of the devices' turn against each other; each by its own sigma."""
-
-    def figures(one):
-        turn = vector_of(one.projector.rotation @ room.camera.rotation @ room.projector.rotation.T)
-        return np.array([one.camera.focal_px[0], one.projector.focal_px[0], *turn])
-
-    true = np.array([room.camera.focal_px, room.projector.focal_px, 0.0, 0.0, 0.0])
-    return (figures(pair) - true) / pair.sigmas_of(figures)
 
 
 def fitted(bow_m, draw, true_deg=0.0, **options):

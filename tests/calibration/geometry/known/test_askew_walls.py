@@ -9,10 +9,9 @@ import pytest
 from calibration.errors import CalibrationError
 from calibration.geometry.bundle_unknowns import PLANES, TURN, PlanarScene, planes_of, priors_of, unknowns_of
 from calibration.geometry.known.lenses import KnownLenses
-from calibration.geometry.pinhole import vector_of
 from calibration.geometry.planes import Axes
 from calibration.geometry.stereo import calibrate_stereo
-from tests.calibration.conftest import FACES, SyntheticRoom
+from tests.calibration.conftest import FACES, SyntheticRoom, errors_by_sigma
 from tests.calibration.geometry.known.test_known_lenses import of_boards
 
 DRAWS = 6
@@ -54,17 +53,6 @@ class AskewRoom(SyntheticRoom):
         points[~stands[first]] = np.nan
         off = np.where(stands, np.abs(points @ normals.T - offsets), np.inf)
         return points, np.sort(off, axis=1)[:, 1]
-
-
-def errors_by_sigma(room, pair):
-    """Of both focal lengths, and of the devices' turn against each other; each by its own sigma."""
-
-    def figures(one):
-        turn = vector_of(one.projector.rotation @ room.camera.rotation @ room.projector.rotation.T)
-        return np.array([one.camera.focal_px[0], one.projector.focal_px[0], *turn])
-
-    true = np.array([room.camera.focal_px, room.projector.focal_px, 0.0, 0.0, 0.0])
-    return (figures(pair) - true) / pair.sigmas_of(figures)
 
 
 def fitted(true_deg, draw, **options):
