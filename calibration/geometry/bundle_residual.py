@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
 from calibration import _kernel
-from calibration.arrays import FloatArray, IntArray
+from calibration.arrays import BoolArray, FloatArray, IntArray
 from calibration.geometry.bundle_unknowns import (
     CAMERA,
     PROJECTOR,
@@ -53,6 +53,11 @@ class LandingError:
     nominal: NominalIntrinsics
     weight: FloatArray | float = 1.0
     """(N, 2) by which a residual counts: 1, and less where a coordinate is less certain than usual."""
+
+    def of_points(self, rows: slice | BoolArray) -> LandingError:
+        """Return the residuals of some of the points."""
+        weight = self.weight[rows] if isinstance(self.weight, np.ndarray) else self.weight
+        return replace(self, x1=self.x1[rows], x2=self.x2[rows], label=self.label[rows], weight=weight)
 
     @cached_property
     def _kept(self) -> dict[bytes, FloatArray]:

@@ -9,6 +9,8 @@ import numpy as np
 from calibration.arrays import FloatArray, IntArray
 from calibration.geometry.robust_fit import Fit
 
+SIGMAS = 4.0
+"""A contradiction: by chance one in 16,000."""
 _BLOCKS_PX = (12, 24, 48, 96)
 """Sides of the camera's squares whose points are taken together: from the window of the refinement on."""
 _STRIPS_PX = (4, 8, 16, 32)
@@ -179,6 +181,14 @@ def standard_deviations(
     """Carry the covariance of unknowns (n, n) into figures (m,) that follow from them: (m,) standard deviations."""
     _, slope = slopes(figures, unknowns)
     return np.asarray(np.sqrt(np.maximum(np.einsum("mi,ij,mj->m", slope, covariance, slope), 0)))
+
+
+def normal_deviate(chi_squared: float, freedom: int) -> float:
+    """Return a chi-squared variable as one of a standard normal (Wilson and Hilferty, PNAS 17, 1931)."""
+    if freedom < 1:
+        return 0.0
+    spread = 2 / (9 * freedom)
+    return float((np.cbrt(chi_squared / freedom) - (1 - spread)) / np.sqrt(spread))
 
 
 def slopes(figures: Callable[[FloatArray], FloatArray], unknowns: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -45,7 +45,7 @@ class BundleSolution(PlanarScene):
     """Where a fit ends, and which points were used."""
 
     label: IntArray
-    """(N,) plane of each point, -1 where none predicts it to within the last limit."""
+    """(N,) plane of each point, -1 where none explains it."""
     fit: Fit
     used: IntArray
     """(M,) rows of the points that the fit rests on; those near an edge are not among them."""
@@ -119,6 +119,8 @@ class Rounds:
     """Of an independent observation: what the points weigh against the priors. [px²]"""
     margin_share: float = MARGIN_SHARE
     """Of the projector's width: points that a second plane predicts within it are not used."""
+    explained_px: float = 0.0
+    """A plane explains a point nearer than the last limit or, if that is more, nearer than this. [px]"""
 
 
 def adjust(
@@ -171,7 +173,7 @@ def adjust(
         projector=scene.projector,
         planes=scene.planes,
         axes=scene.axes,
-        label=_label(scene, x1, x2, limit_px=rounds.limits_px[-1], margin_px=0.0),
+        label=_label(scene, x1, x2, limit_px=max(rounds.limits_px[-1], rounds.explained_px), margin_px=0.0),
         fit=fit,
         used=used,
         fit_label=label[used],

@@ -10,7 +10,7 @@ import numpy as np
 
 from calibration.arrays import BoolArray, FloatArray
 from calibration.errors import CalibrationError
-from calibration.geometry.contradictions import SIGMAS
+from calibration.geometry.noise import SIGMAS
 from calibration.geometry.pinhole import PinholeModel, points_on_planes
 from calibration.geometry.plane_search import MOST_SLANTED
 from calibration.geometry.planes import Axes, orthogonal_axes

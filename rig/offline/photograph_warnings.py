@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.arrays import BoolArray
-from calibration.geometry.contradictions import SIGMAS
 from calibration.geometry.known.pair import HeldPair
+from calibration.geometry.noise import SIGMAS
 from calibration.structured_light.correspondence import Correspondence, PixelReason
 from rig.devices.replay.photographs import Manifest, Photograph
 from rig.errors import ProfileError

@@ -20,9 +20,10 @@ from calibration.arrays import FloatArray
 from calibration.errors import CalibrationError
 from calibration.geometry.bundle_residual import rays_of
 from calibration.geometry.bundle_unknowns import PlanarScene
-from calibration.geometry.contradictions import SIGMAS, hold_against_all
+from calibration.geometry.contradictions import hold_against_all
 from calibration.geometry.flat.third_wall import RestingOn, WeighedPoints, with_third_wall
 from calibration.geometry.known.nominal import NominalIntrinsics
+from calibration.geometry.noise import SIGMAS
 from calibration.geometry.pinhole import PinholeModel, world_rays
 from calibration.geometry.plane_bundle import BundleSolution, Rounds, adjust
 from calibration.geometry.support import explained_within_px, plane_errors_px

@@ -26,10 +26,11 @@ from calibration.geometry.bundle_unknowns import (
     planes_of,
     scene_of,
 )
-from calibration.geometry.contradictions import SIGMAS, check_data_sheets, check_flat, is_flat
+from calibration.geometry.contradictions import check_flat, is_flat
 from calibration.geometry.epipolar import FLAT_SHARE, flat_share, models_of, nominal_unknowns
+from calibration.geometry.known.data_sheets import check_data_sheets
 from calibration.geometry.known.nominal import NominalIntrinsics
-from calibration.geometry.noise import covariance, observation_variance, plus_minus, standard_deviations
+from calibration.geometry.noise import SIGMAS, covariance, observation_variance, plus_minus, standard_deviations
 from calibration.geometry.pinhole import PinholeModel
 from calibration.geometry.plane_bundle import BundleSolution, Rounds, adjust
 from calibration.geometry.planes import Axes
@@ -200,11 +201,8 @@ def _bend(solution: BundleSolution) -> FloatArray:
     The projector's lens shift moves pose and plane far along a bent valley, whose tangent tells too little: for each
     pair of lenses that is drawn, the fit is made again with these expected, and held against the tangent's word.
     """
-    few, priors = slice(0, _LENS_POINTS), solution.fit.priors
-    error = solution.error
-    thinned = replace(
-        error, x1=error.x1[few], x2=error.x2[few], label=error.label[few], weight=_rows(error.weight, few)
-    )
+    priors, error = solution.fit.priors, solution.error
+    thinned = error.of_points(slice(0, _LENS_POINTS))
     known = replace(priors, weight=priors.weight * len(thinned.x1) / len(error.x1))
 
     def fitted(start: FloatArray, about: Priors) -> FloatArray:
@@ -224,10 +222,6 @@ def _bend(solution: BundleSolution) -> FloatArray:
         beyond[: PROJECTOR.stop] = 0.0
         bends.append(beyond)
     return np.asarray(_HEAVY_TAILS**2 / _LENSES * np.array(bends).T @ np.array(bends))
-
-
-def _rows(weight: FloatArray | float, rows: slice) -> FloatArray | float:
-    return weight[rows] if isinstance(weight, np.ndarray) else weight
 
 
 def _unit_baseline(z: FloatArray) -> FloatArray:

@@ -7,9 +7,9 @@ import numpy as np
 from calibration.arrays import FloatArray
 from calibration.errors import CalibrationError
 from calibration.geometry.bundle_unknowns import LENS_TERMS, lens_units, wide_priors
-from calibration.geometry.contradictions import SIGMAS, normal_deviate
 from calibration.geometry.known.lenses import TERMS, KnownLenses
 from calibration.geometry.known.nominal import NominalIntrinsics
+from calibration.geometry.noise import SIGMAS, normal_deviate
 from calibration.geometry.plane_bundle import BundleSolution, refit
 
 _IN_PX = 3

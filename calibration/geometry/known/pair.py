@@ -12,8 +12,7 @@ from functools import cached_property
 import numpy as np
 
 from calibration.arrays import FloatArray
-from calibration.geometry.contradictions import normal_deviate
-from calibration.geometry.noise import covariance, observation_variance
+from calibration.geometry.noise import covariance, normal_deviate, observation_variance
 from calibration.geometry.pinhole import PinholeModel, rotation_of
 from calibration.geometry.robust_fit import Priors, robust_fit
 from calibration.geometry.triangulation import triangulate

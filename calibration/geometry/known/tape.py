@@ -8,7 +8,7 @@ import numpy as np
 
 from calibration.arrays import FloatArray
 from calibration.errors import CalibrationError
-from calibration.geometry.contradictions import SIGMAS
+from calibration.geometry.noise import SIGMAS
 from calibration.geometry.room import FACES, RoomBox
 
 _USUAL_SIDE_M = 4.0

@@ -11,7 +11,6 @@ from calibration.errors import CalibrationError
 from calibration.geometry.bundle_residual import LandingError, rays_of
 from calibration.geometry.bundle_unknowns import PLANES, TRANSLATION, PlanarScene
 from calibration.geometry.contradictions import (
-    check_data_sheets,
     check_determined,
     check_flat,
     check_no_facets,
@@ -19,6 +18,7 @@ from calibration.geometry.contradictions import (
 )
 from calibration.geometry.flat import left_out, rivals
 from calibration.geometry.flat.left_out import check_none_left_out
+from calibration.geometry.known.data_sheets import check_data_sheets
 from calibration.geometry.known.explained import ExplainedPixels
 from calibration.geometry.known.scale import _along, scale_from_spots
 from calibration.geometry.noise import covariance, observation_variance

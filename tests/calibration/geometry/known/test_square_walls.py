@@ -7,8 +7,8 @@ import pytest
 
 from calibration.errors import CalibrationError
 from calibration.geometry.bundle_residual import LandingError, rays_of
-from calibration.geometry.contradictions import angles_held, angles_of, check_right_angles, normal_deviate
-from calibration.geometry.noise import observation_variance
+from calibration.geometry.known.square_walls import angles_held, angles_of, check_right_angles
+from calibration.geometry.noise import normal_deviate, observation_variance
 from calibration.geometry.plane_bundle import Rounds, adjust_to_held_planes, refit, transfer_of
 from calibration.geometry.planes import Axes
 from calibration.geometry.support import plane_errors_px
