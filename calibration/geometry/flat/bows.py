@@ -166,14 +166,7 @@ def bows_of(scene: PlanarScene, fit: Fit, error: LandingError) -> Bows | None:
     normal = _BowsInFit.of(scene, fit, error)
     if normal is None:
         return None
-    # From below: beside what bows leave in the residuals of flat walls, none are seen.
-    variance = float(np.square(fit.residual * fit.weight[:, None]).mean())
-    for _ in range(_ROUNDS):
-        likeliest = normal.likeliest(variance)
-        now = observation_variance(replace(fit, residual=likeliest.residual), error.x1, error.label, error.x2)
-        settled, variance = abs(now / variance - 1) < _SETTLED, now
-        if settled:
-            break
+    variance, likeliest = _settled(normal, fit, error)
     terms = normal.by_wall(likeliest.terms)
     is_likely = likeliest.gain > _LEAST_GAIN and likeliest.leaning < _MOST_LEANING
     if not is_likely or max(map(_share, normal.walls, terms)) > _MOST_BOW:
@@ -216,6 +209,64 @@ def taken_by_bows(scene: PlanarScene, fit: Fit, error: LandingError, spread: Flo
         return np.zeros_like(fit.hessian)
     held = normal.own + np.diag(fit.priors.weight / normal.of_all(spread) ** 2)
     return np.asarray(normal.shared @ np.linalg.solve(held, normal.shared.T))
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class BowOfOne:
+    """How a single wall bows, as far as the lenses and the pose of a fit that holds it for flat leave it."""
+
+    is_likely: bool
+    share: float
+    """Root mean square, as a share of the wall's extent."""
+    moved: FloatArray
+    """(n, n) covariance that it brings to the fit's unknowns, as far as these move evenly with it."""
+    cost: float
+    """Of the fit beside it. [px²]"""
+
+
+def bow_of_one_wall(scene: PlanarScene, fit: Fit, error: LandingError) -> BowOfOne | None:
+    """Find how a single wall bows; nothing tells what the lenses and the pose took up of that.
+
+    Parameters
+    ----------
+    scene : PlanarScene
+        Where the fit ends, with one plane.
+    fit : Fit
+    error : LandingError
+        What it minimised.
+
+    Returns
+    -------
+    BowOfOne or None
+        None where too few points are on it.
+    """
+    normal = _BowsInFit.of(scene, fit, error)
+    if normal is None:
+        return None
+    (wall,) = normal.walls
+    variance, likeliest = _settled(normal, fit, error)
+    # Where the wall stands and how it is turned is free: only what bends it moves the others.
+    spread = likeliest.spread * (_DEGREE >= _BENT)
+    moves = inverse_of(fit.hessian) @ normal.shared * normal.of_all(spread)
+    return BowOfOne(
+        is_likely=likeliest.gain > _LEAST_GAIN,
+        share=_share(wall, spread),
+        moved=np.asarray(moves @ moves.T),
+        cost=fit.cost - 2 * variance * max(likeliest.gain, 0.0),
+    )
+
+
+def _settled(normal: _BowsInFit, fit: Fit, error: LandingError) -> tuple[float, _Likeliest]:
+    """The variance of an independent observation beside the likeliest bows, and these."""
+    # From below: beside what bows leave in the residuals of flat walls, none are seen.
+    variance = float(np.square(fit.residual * fit.weight[:, None]).mean())
+    for _ in range(_ROUNDS):
+        likeliest = normal.likeliest(variance)
+        now = observation_variance(replace(fit, residual=likeliest.residual), error.x1, error.label, error.x2)
+        settled, variance = abs(now / variance - 1) < _SETTLED, now
+        if settled:
+            break
+    return variance, likeliest
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

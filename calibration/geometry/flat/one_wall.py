@@ -28,6 +28,7 @@ from calibration.geometry.bundle_unknowns import (
 )
 from calibration.geometry.contradictions import check_flat, is_flat
 from calibration.geometry.epipolar import FLAT_SHARE, flat_share, models_of, nominal_unknowns
+from calibration.geometry.flat.bows import BowOfOne, bow_of_one_wall
 from calibration.geometry.known.data_sheets import check_data_sheets
 from calibration.geometry.known.nominal import NominalIntrinsics
 from calibration.geometry.noise import SIGMAS, covariance, observation_variance, plus_minus, standard_deviations
@@ -129,9 +130,14 @@ def _fit(x1: FloatArray, x2: FloatArray, rough: list[BundleSolution], weight: Fl
     able = _apart(_squarest(finished, variance))
     check_flat(able[0], x1)
     check_data_sheets(able[0], np.sqrt(np.diag(able[0].covariance)))
-    best = replace(able[0], bend=_bend(able[0]))
+    bow = _bow(able[0])
+    best = replace(able[0], bend=_bend(able[0]) + (0.0 if bow is None else bow.moved))
     _check_distance(best)
-    return OneWall(best, _notes([best, *able[1:]]))
+    return OneWall(best, _notes([best, *able[1:]], bow))
+
+
+def _bow(fit: BundleSolution) -> BowOfOne | None:
+    return bow_of_one_wall(fit, fit.fit, fit.error)
 
 
 def _apart(fits: list[BundleSolution]) -> list[BundleSolution]:
@@ -190,8 +196,9 @@ def _all_in_front(rays: FloatArray, rotation: FloatArray, t: FloatArray, normal:
 
 def _squarest(fits: list[BundleSolution], variance_px2: float) -> list[BundleSolution]:
     """Those that the points and data sheets allow, the wall that both devices look at most squarely first."""
-    least = min(fit.fit.cost for fit in fits)
-    able = [fit for fit in fits if fit.fit.cost - least <= SIGMAS**2 * variance_px2]
+    # What tells two poses apart may be a bow: each is judged beside one.
+    cost = [fit.fit.cost if (bow := _bow(fit)) is None else bow.cost for fit in fits]
+    able = [fit for fit, own in zip(fits, cost, strict=True) if own - min(cost) <= SIGMAS**2 * variance_px2]
     return sorted(able, key=lambda fit: sum(_tilts_deg(fit)))
 
 
@@ -260,7 +267,7 @@ def _check_distance(fit: BundleSolution) -> None:
         )
 
 
-def _notes(fits: list[BundleSolution]) -> str:
+def _notes(fits: list[BundleSolution], bow: BowOfOne | None) -> str:
     fit = fits[0]
     values, sigma = _figures(fit)
     focal = 100 * np.sqrt(np.diag(fit.covariance))[[CAMERA.start, PROJECTOR.start]]
@@ -276,5 +283,11 @@ def _notes(fits: list[BundleSolution]) -> str:
             f" The same points allow a wall turned by {other[0]:.0f} degrees from the camera's axis and "
             f"{other[1]:.0f} from the projector's; taken is the one that both look at more squarely "
             f"({values[1]:.0f} and {values[2]:.0f})."
+        )
+    if bow is not None and bow.is_likely:
+        said += (
+            f" The wall is not quite flat: it bows, by {100 * bow.share:.2f} % of its extent rms or more. Where the "
+            "devices stand, and the lenses, may be further off than these sigmas: a bow looks like another pose. Lens "
+            "files of both devices (rig lenses) tell them apart."
         )
     return said
