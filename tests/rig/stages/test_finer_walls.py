@@ -237,6 +237,23 @@ def test_hardly_any_light_leaves_a_room_through_its_openings():
         assert (trace(scene, position_m, directions[into]).face >= 0).mean() > 0.999
 
 
+def test_a_doorway_whose_back_and_floor_were_measured_a_little_below_the_floor_is_an_opening_as_others():
+    # Sides of both ended on the line between wall and floor, and ran along it the same way: refused as no mesh.
+    back = ((1.0, -0.4, -0.02), (2.0, -0.4, -0.02), (2.0, -0.4, 1.5), (1.0, -0.4, 1.5))
+    floor = ((1.1, -0.35, -0.001), (1.9, -0.35, -0.001), (1.85, -0.05, -0.001), (1.15, -0.05, -0.001))
+    scene, positions_m = room_with_a_niche(
+        vertices_m=(*back, *floor),
+        triangles=((0, 2, 1), (0, 3, 2), (4, 5, 6), (4, 6, 7)),
+        part=(0, 0, 1, 1),
+        flat=(True, True),
+        sigma_m=(0.0,) * 8,
+    )
+    for position_m in positions_m:
+        patch, there = met(scene, position_m, np.array([[1.5, -0.4, 0.8], [1.5, -0.2, -0.001]]))
+        assert there.all()
+        assert scene.region[patch].tolist() == [len(FACES), len(FACES) + 1]
+
+
 def test_an_opening_is_told_with_the_wall_that_it_may_have_misplaced():
     corners = np.array(NICHE[0])[np.array(NICHE[1])]
     (found,) = seen_behind(corners, (4.0, 4.0, 2.0))
