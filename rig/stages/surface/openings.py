@@ -7,11 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import KDTree
 
 from calibration.geometry.room import FACES
-from calibration.surfaces.bodies import sides_between
+from calibration.surfaces.bodies import rim_of, sides_between
 from rig.records import Record
-from rig.stages.surface.walls import WallPatches
+from rig.stages.surface.walls import WallPatches, points_on
 from sim.geometry.mesh import Mesh
 from sim.geometry.rays import trace
 
@@ -25,6 +26,8 @@ _SAMPLES = 3
 """Along each side of a patch, through which the devices look."""
 _MOSTLY = 0.5
 """Of a patch's samples: with more that open on something behind, the patch is not there."""
+_TOUCHING = 0.01
+"""Of the room's size, between two parts that meet: pixels at their edges are left out."""
 _SHY = 1e-3
 """Of its distance, by which what hides a point is nearer."""
 
@@ -94,12 +97,18 @@ def with_openings(walls: WallPatches, behind_m: FloatArray, devices_m: Sequence[
 
 
 def sides_of_openings(
-    vertices_m: FloatArray, behind: IntArray, size_m: Sequence[float], devices_m: Sequence[FloatArray]
+    vertices_m: FloatArray,
+    behind: IntArray,
+    part: IntArray,
+    *,
+    size_m: Sequence[float],
+    devices_m: Sequence[FloatArray],
 ) -> tuple[FloatArray, IntArray]:
     """Return what closes the gap between walls and what is seen through their openings, which nobody saw.
 
     From each side of the rim it runs straight to the wall, or else along the rays of a device: as it hides nothing of
-    what any device sees, or lights, there. Where all of these would, the gap stays open.
+    what any device sees, or lights, there. Where all of these would, the gap stays open. Where two parts meet, as the
+    back and a side of a niche do, there is none.
 
     Parameters
     ----------
@@ -107,6 +116,8 @@ def sides_of_openings(
         Corners of what was measured. [m]
     behind : (T, 3) array
         Corners of each triangle behind the walls.
+    part : (T,) array
+        Part of surface of each.
     size_m : (3,)
         Of the room. [m]
     devices_m : sequence of (3,) arrays
@@ -123,7 +134,7 @@ def sides_of_openings(
     ends += [on_the_way(vertices_m, size_m, position_m) for position_m in devices_m]
     looked_at = vertices_m[behind].mean(axis=1)
     found, owners = [np.zeros((0, 4, 3))], [np.zeros(0, dtype=np.intp)]
-    closed = np.zeros(len(behind) * 3, dtype=bool)
+    closed = _joints(vertices_m, behind, part, _TOUCHING * max(size_m))
     for at_wall in ends:
         sides, owner, rim = sides_between(vertices_m, at_wall, behind)
         hides = np.zeros(len(sides), dtype=bool)
@@ -134,6 +145,18 @@ def sides_of_openings(
         found.append(sides[taken])
         owners.append(owner[taken])
     return np.concatenate(found), np.concatenate(owners)
+
+
+def _joints(vertices_m: FloatArray, triangles: IntArray, part: IntArray, near_m: float) -> BoolArray:
+    """(R,) sides of the rim that lie on another part of surface, to within so much."""
+    rim, owner = rim_of(triangles)
+    middle, of_part = vertices_m[rim].mean(axis=1), part[owner]
+    found = np.zeros(len(rim), dtype=bool)
+    for one in np.unique(part):
+        others = points_on(vertices_m, triangles[part != one], near_m / 2)
+        if len(others):
+            found[of_part == one] = KDTree(others).query(middle[of_part == one])[0] < near_m
+    return found
 
 
 def _straight_to_wall(vertices_m: FloatArray, size_m: Sequence[float]) -> FloatArray:

@@ -107,7 +107,8 @@ def _things(
             region.append(back[owner])
         if outside.any():
             positions = [device.position_m for device in devices]
-            sides, owner = sides_of_openings(vertices, triangles[outside], size_m, positions)
+            part = np.array(standing.part)[outside]
+            sides, owner = sides_of_openings(vertices, triangles[outside], part, size_m=size_m, devices_m=positions)
             corners.append(sides)
             region.append(back[outside][owner])
         corners.append(behind[triangles[:, ::-1]][:, [0, 1, 2, 2]])

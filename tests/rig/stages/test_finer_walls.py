@@ -254,6 +254,27 @@ def test_a_doorway_whose_back_and_floor_were_measured_a_little_below_the_floor_i
         assert scene.region[patch].tolist() == [len(FACES), len(FACES) + 1]
 
 
+def test_nothing_stands_in_a_niche_between_its_back_and_a_side_that_was_seen():
+    # From the joint of the two, sides ran straight to the wall, a millimetre before the one that was seen, their dark
+    # backs to the niche: all reflectances of odd room 1007 were 0.05 too high for it.
+    corners, triangles = NICHE
+    side = ((1.0, -0.38, 0.5), (0.998, -0.02, 0.5), (0.998, -0.02, 1.5), (1.0, -0.38, 1.5))
+    scene, _ = room_with_a_niche(
+        vertices_m=(*corners, *side),
+        triangles=(*triangles, (4, 5, 6), (4, 6, 7)),
+        part=(0, 0, 1, 1),
+        flat=(True, True),
+        sigma_m=(0.0,) * 8,
+    )
+    turned = np.random.default_rng(5).normal(size=(5000, 3))
+    directions = turned / np.linalg.norm(turned, axis=1, keepdims=True)
+    for place_m in ((1.1, -0.35, 1.0), (1.1, -0.2, 0.7), (1.1, -0.35, 1.4)):
+        hits = trace(scene, np.array(place_m), directions)
+        assert (hits.face == len(FACES) + 1).mean() > 0.15, "the side that was seen is seen from there"
+        assert ((hits.face >= 0) & (hits.cos_incidence <= 0)).mean() < 0.02
+        assert (hits.face < 0).mean() < 0.03, "through the gap of 2 cm in the joint"
+
+
 def test_an_opening_is_told_with_the_wall_that_it_may_have_misplaced():
     corners = np.array(NICHE[0])[np.array(NICHE[1])]
     (found,) = seen_behind(corners, (4.0, 4.0, 2.0))

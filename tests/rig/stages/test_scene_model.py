@@ -15,6 +15,7 @@ from rig.profile.schema import load_profile
 from rig.stages.correspondence import DevicePair
 from rig.stages.light.fit import BandLight, BareRoom, direct_gain, pixels_that_tell
 from rig.stages.maps.sampling import sample
+from rig.stages.maps.white import light_of_white
 from rig.stages.scene_model import (
     ColouredRoom,
     MeasuredLight,
@@ -124,6 +125,18 @@ def test_both_views_have_true_adjoints(scene_model: SceneModel) -> None:
     for transport in (camera_view(scene_model, scene_model.active), projector_view(scene_model, scene_model.active)):
         x, y = random.uniform(size=transport.shape[1]), random.uniform(size=transport.shape[0])
         assert (transport @ x) @ y == pytest.approx(x @ (transport.T @ y), rel=1e-9)
+
+
+def test_a_pixel_that_seems_to_reflect_many_times_all_light_is_taken_for_its_patch(scene_model: SceneModel) -> None:
+    # Light that hardly grazes a patch made it 1e13 of white, and all of a session's comparison with it.
+    ((pair, light),) = scene_model.measured.items()
+    there = tuple(np.argwhere(light.direct_gain > 0)[1000])
+    gain = light.direct_gain.copy()
+    gain[there] *= 1e6
+    odd = replace(scene_model, measured={pair: replace(light, direct_gain=gain)})
+    assert np.isnan(odd.seen_reflectance.reshape(gain.shape)[there])
+    global_, as_it_was = light_of_white(odd)[1][there], light_of_white(scene_model)[1][there]
+    assert global_ == pytest.approx(as_it_was, rel=0.2)
 
 
 def test_illumination_falls_from_the_axis(scene_model: SceneModel) -> None:
