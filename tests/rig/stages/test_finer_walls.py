@@ -177,8 +177,8 @@ NICHE = (((1.0, -0.4, 0.5), (2.0, -0.4, 0.5), (2.0, -0.4, 1.5), (1.0, -0.4, 1.5)
 """The back of a niche in the wall y0, 0.4 m deep."""
 
 
-def room_with_a_niche(**changed):
-    """The scene of what was measured, a camera straight before the wall and a projector beside it."""
+def room_with_a_niche(at_m=((2.0, 4.0, 1.0), (2.6, 3.6, 1.2)), **changed):
+    """The scene of what was measured, a camera straight before the wall and a projector beside it, or elsewhere."""
     corners, triangles = NICHE
     back = StandingRecord(
         vertices_m=corners,
@@ -191,7 +191,7 @@ def room_with_a_niche(**changed):
         finer_walls=True,
         openings=True,
     )
-    devices = [camera(300.0), replace(camera(300.0), translation_m=-camera(300.0).rotation @ (2.6, 3.6, 1.2))]
+    devices = [replace(camera(300.0), translation_m=-camera(300.0).rotation @ position_m) for position_m in at_m]
     cameras, projectors = ({"one": SimpleNamespace(pinhole=lambda found=one: found)} for one in devices)
     surface = SimpleNamespace(size_m=(4.0, 4.0, 2.0), faces=FACES)
     geometry = SimpleNamespace(surface=surface, cameras=cameras, projectors=projectors)
@@ -216,6 +216,15 @@ def test_what_is_behind_a_wall_is_seen_and_lit_through_an_opening():
         assert (scene.region[patch] == len(FACES)).all()
     closed, _ = room_with_a_niche(openings=False)
     assert not met(closed, positions_m[0], back)[1].any(), "older sessions keep the wall that they were fitted with"
+
+
+def test_what_closes_an_opening_hides_no_strip_of_what_was_seen_through_it():
+    # Straight to the wall, the near side of the niche would hide 10 cm of its back from both, but no triangle's middle.
+    scene, positions_m = room_with_a_niche(at_m=((0.2, 3.0, 1.0), (0.5, 3.2, 1.2)))
+    x, z = np.meshgrid(np.linspace(1.01, 1.09, 5), np.linspace(0.55, 1.45, 10))
+    strip = np.stack([x, np.full_like(x, -0.4), z], axis=-1).reshape(-1, 3)
+    for position_m in positions_m:
+        assert met(scene, position_m, strip)[1].all()
 
 
 def test_the_wall_beside_an_opening_stays_a_wall():
