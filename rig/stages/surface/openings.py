@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -135,9 +135,10 @@ def sides_of_openings(
     """
     ends = [_straight_to_wall(vertices_m, size_m)]
     ends += [on_the_way(vertices_m, size_m, position_m) for position_m in devices_m]
-    looked_at = points_on(vertices_m, behind, _SEEN_EVERY * max(size_m))
+    seen = {one: points_on(vertices_m, behind[part == one], _SEEN_EVERY * max(size_m)) for one in np.unique(part)}
+    looked_at = np.concatenate([np.zeros((0, 3)), *seen.values()])
     found, owners = [np.zeros((0, 4, 3))], [np.zeros(0, dtype=np.intp)]
-    closed = _joints(vertices_m, behind, part, _TOUCHING * max(size_m))
+    closed = _joints(vertices_m, behind, part, seen=seen, near_m=_TOUCHING * max(size_m))
     for at_wall in ends:
         sides, owner, rim = sides_between(vertices_m, at_wall, behind)
         hides = np.zeros(len(sides), dtype=bool)
@@ -150,15 +151,16 @@ def sides_of_openings(
     return np.concatenate(found), np.concatenate(owners)
 
 
-def _joints(vertices_m: FloatArray, triangles: IntArray, part: IntArray, near_m: float) -> BoolArray:
-    """(R,) sides of the rim that lie on another part of surface, to within so much."""
+def _joints(
+    vertices_m: FloatArray, triangles: IntArray, part: IntArray, *, seen: Mapping[int, FloatArray], near_m: float
+) -> BoolArray:
+    """(R,) sides of the rim that lie on another part of surface, to within so much; seen: points all over each part."""
     rim, owner = rim_of(triangles)
     middle, of_part = vertices_m[rim].mean(axis=1), part[owner]
     found = np.zeros(len(rim), dtype=bool)
-    for one in np.unique(part):
-        others = points_on(vertices_m, triangles[part != one], near_m / 2)
-        if len(others):
-            found[of_part == one] = KDTree(others).query(middle[of_part == one])[0] < near_m
+    for one in seen if len(seen) > 1 else ():
+        others = np.concatenate([points_m for other, points_m in seen.items() if other != one])
+        found[of_part == one] = KDTree(others).query(middle[of_part == one])[0] < near_m
     return found
 
 
