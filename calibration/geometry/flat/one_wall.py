@@ -127,17 +127,16 @@ def _fit(x1: FloatArray, x2: FloatArray, rough: list[BundleSolution], weight: Fl
         return adjust(x1, x2, fit, fit.error.nominal, rounds=how, weight=weight) or fit
 
     finished = [adjusted(start, rounds) for fit in rough for start in (fit, adjusted(fit, held))]
-    able = _apart(_squarest(finished, variance))
+    # What tells two poses apart may be a bow: each is judged beside one.
+    bows = {id(fit): bow_of_one_wall(fit, fit.fit, fit.error) for fit in finished}
+    cost = [fit.fit.cost if (bow := bows[id(fit)]) is None else bow.cost for fit in finished]
+    able = _apart(_squarest(finished, cost, variance))
     check_flat(able[0], x1)
     check_data_sheets(able[0], np.sqrt(np.diag(able[0].covariance)))
-    bow = _bow(able[0])
+    bow = bows[id(able[0])]
     best = replace(able[0], bend=_bend(able[0]) + (0.0 if bow is None else bow.moved))
     _check_distance(best)
     return OneWall(best, _notes([best, *able[1:]], bow))
-
-
-def _bow(fit: BundleSolution) -> BowOfOne | None:
-    return bow_of_one_wall(fit, fit.fit, fit.error)
 
 
 def _apart(fits: list[BundleSolution]) -> list[BundleSolution]:
@@ -194,10 +193,8 @@ def _all_in_front(rays: FloatArray, rotation: FloatArray, t: FloatArray, normal:
     return bool(((along > 0) & (depth > 0)).mean() > _IN_FRONT)
 
 
-def _squarest(fits: list[BundleSolution], variance_px2: float) -> list[BundleSolution]:
+def _squarest(fits: list[BundleSolution], cost: list[float], variance_px2: float) -> list[BundleSolution]:
     """Those that the points and data sheets allow, the wall that both devices look at most squarely first."""
-    # What tells two poses apart may be a bow: each is judged beside one.
-    cost = [fit.fit.cost if (bow := _bow(fit)) is None else bow.cost for fit in fits]
     able = [fit for fit, own in zip(fits, cost, strict=True) if own - min(cost) <= SIGMAS**2 * variance_px2]
     return sorted(able, key=lambda fit: sum(_tilts_deg(fit)))
 
