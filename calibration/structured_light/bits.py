@@ -25,6 +25,14 @@ OWN_LIGHT_BITS = 3
 """Next finer than wide stripes, with which both frames put the same light on other walls."""
 SURE_SHARE = 0.85
 """Of the light that fine stripes say is a pixel's own: they, too, light other walls unevenly by a few per cent."""
+_TELLING_PIXELS = 100_000
+"""Enough for a median to 0.2 % of the pixels."""
+_BRIGHT_ENOUGH = 0.3
+"""Of the contrast of the brightest tenth: darker pixels are mostly of light that came from other surfaces."""
+_UNEVEN = 0.02
+"""Of the pixels, by which bright and dark stripes may differ: at a rim, behind things."""
+_HALVES = (0.25, 0.8)
+"""What half of the light may come to: 0.76 by gamma 2.5, 0.25 by gamma 0.5."""
 _ANY = 2**16 - 1
 """Beyond twice any position: codes have at most 14 bits."""
 
@@ -113,8 +121,42 @@ def difference(lit: Frame, other: Frame) -> Frame:
     return np.asarray(np.abs(lit.astype(np.float32) - other))
 
 
-def middle(bright: Frame, dark: Frame) -> Frame:
-    """(H, W) mean of white and black; whole for whole numbers, which are above it or not as they are above the mean."""
+def middle(bright: Frame, dark: Frame, share: float = 0.5) -> Frame:
+    """(H, W) level so far from black to white; whole for whole numbers, which are above it or not as before."""
     if bright.dtype.kind == "u" and bright.dtype == dark.dtype:
-        return np.asarray(dark + (bright - np.minimum(bright, dark)) // 2, dtype=bright.dtype)
-    return (bright.astype(np.float32) + dark.astype(np.float32)) * np.float32(0.5)
+        step = bright - np.minimum(bright, dark)
+        above = step // 2 if share == 0.5 else np.floor(step * np.float32(share)).astype(step.dtype)
+        return np.asarray(dark + above, dtype=bright.dtype)
+    light, none = bright.astype(np.float32), dark.astype(np.float32)
+    return np.asarray(none + (light - none) * np.float32(share))
+
+
+def half_share(finest: Sequence[Frame], bright: Frame, dark: Frame, contrast_limit: Limit) -> float:
+    """Return what half of a pixel's light comes to, from black to white: 0.5, or up to three quarters by a tone curve.
+
+    Of stripes so fine that all of a scene sees many of them, half of the pixels are on the bright side, whatever the
+    curve: so half the light is at the median of what they read. Sharp stripes have nothing between dark and bright, and
+    any level there tells them apart: then it is a half. Blurred ones are moved, dark ones made narrow, by a level that
+    is not that of half the light.
+
+    Parameters
+    ----------
+    finest : sequence of (H, W)
+        Frames of the finest stripes of each axis. [dn]
+    bright, dark : (H, W)
+        Frames of white and black. [dn]
+    contrast_limit : float or (H, W)
+        Least white minus black of a pixel that tells. [dn]
+    """
+    step = max(1, int(np.sqrt(bright.size / _TELLING_PIXELS)))
+    few = (slice(None, None, step), slice(None, None, step))
+    black = dark[few].astype(np.float32)
+    contrast = bright[few].astype(np.float32) - black
+    lit = contrast >= np.asarray(contrast_limit)[few if np.ndim(contrast_limit) else ...]
+    if not lit.any():
+        return 0.5
+    lit &= contrast > _BRIGHT_ENOUGH * np.quantile(contrast[lit], 0.9)
+    shares = [(frame[few].astype(np.float32)[lit] - black[lit]) / contrast[lit] for frame in finest]
+    ends = [np.quantile(share, (0.5 - _UNEVEN, 0.5 + _UNEVEN)) for share in shares]
+    low, high = max(low for low, _ in ends), min(high for _, high in ends)
+    return float(np.clip(np.clip(0.5, min(low, high), max(low, high)), *_HALVES))

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from calibration.arrays import BoolArray, Frame
 from calibration.errors import CalibrationError
-from calibration.structured_light.bits import BitPairs, middle
+from calibration.structured_light.bits import BitPairs, half_share, middle
 from calibration.structured_light.correspondence import ROUNDING_PX, Correspondence, PixelReason
 from calibration.structured_light.frames import (
     Limit,
@@ -64,7 +64,8 @@ def decode_gray(
     ----------
     frames : mapping of pattern name to (H, W)
         Frames as :func:`~calibration.structured_light.gray.gray_code_patterns` names them. [dn]
-        Without inverses a bit is compared with the mean of white and black.
+        Without inverses a bit is compared with what half the light comes to between black and white
+        (:func:`~calibration.structured_light.bits.half_share`).
     projector_shape : (height, width)
     white, black : (H, W), optional
         Full frames; without them the largest and smallest value of each pixel over all frames.
@@ -100,18 +101,24 @@ def decode_gray(
     refuse_unequal({**frames, "white": white, "black": black})
     bright = white if white is not None else extreme(frames, np.maximum)
     dark = black if black is not None else extreme(frames, np.minimum)
-    threshold = None if any(name.endswith("-inverse") for name in frames) else middle(bright, dark)
     height, width = bright.shape
+    bits = [
+        _Bits.of(frames, axis, projector_shape, code=code, first=first_code, finest_bit=finest_bit) for axis in axes
+    ]
+    threshold = None
+    if not any(name.endswith("-inverse") for name in frames):
+        finest = [frames[each.names[-1]] for each in bits if each.names[-1] in frames]
+        threshold = middle(bright, dark, half_share(finest, bright, dark, contrast_limit))
     read = [
         _AxisReading.of(
             frames,
-            _Bits.of(frames, axis, projector_shape, code=code, first=first_code, finest_bit=finest_bit),
+            each,
             bit_limit=bit_limit,
             threshold=threshold,
             black=dark if own_light else None,
             saturation=saturation,
         )
-        for axis in axes
+        for each in bits
     ]
     reason = np.empty((height, width), dtype=np.uint8)
     flats = _Flats(bright=bright, dark=dark, contrast_limit=np.asarray(contrast_limit))

@@ -14,6 +14,7 @@ import numpy as np
 
 from calibration.arrays import BoolArray, Float32Array, FloatArray, Frame
 from calibration.errors import CalibrationError
+from calibration.structured_light.consistency.bounds import refuse_beyond_white
 from calibration.structured_light.consistency.edges import (
     BLURRED,
     LinePlaces,
@@ -44,6 +45,9 @@ photograph's; on a real scan −0.5 and 0.4."""
 _GONE = 0.1
 """Of white minus mean, the finest stripes of photographs without inverses: below, what is left is mostly noise. In a
 drawn set (seed 802) whose camera pixels are as large as two of the projector's they had 0.05."""
+_RARELY = 0.03
+"""Of the places, on the other side of a coarse stripe's edge: the last rows of a projector with few more than a power
+of two, two or three camera pixels wide, within which blurred pictures do not show what they are."""
 _REPEATED = 0.02
 _SAME_CHANGES, _COPY = 0.3, 0.5
 _EQUAL = 0.05
@@ -84,7 +88,7 @@ def check_gray_frames(frames: Mapping[str, Frame], limit: float) -> PhotographOr
     ------
     CalibrationError
         If a photograph repeats another, is the inverse of none, the camera moved, or no order explains the stripes;
-        the message names the photographs by their patterns.
+        or one without inverses is brighter than white; the message names the photographs by their patterns.
     """
     names = [name for name in frames if name.startswith("gray-")]
     index = {name: k for k, name in enumerate(names)}
@@ -97,7 +101,10 @@ def check_gray_frames(frames: Mapping[str, Frame], limit: float) -> PhotographOr
     pairs = [(a, b) for a, b in named if b is not None]
     gains = _gains(places, pairs) if complete else exposure_gains_alone(places.middle)
     seen = normalised(places, gains, complete=complete)
-    if complete:
+    if not complete:
+        exposed = dict(zip(names, (float(gain) for gain in gains), strict=True))
+        refuse_beyond_white({name: _evened(frame, exposed.get(name, 1.0)) for name, frame in frames.items()})
+    else:
         shown = [_evened(frames[name], float(gain)) for name, gain in zip(names, gains, strict=True)]
         pairs = _matched(seen, pairs, shown, names)
         _refuse_movement([(shown[a], shown[b]) for a, b in pairs], pairs, names)
@@ -157,6 +164,9 @@ def _evidence(
     blurred = np.array(alike) & (stripes.amplitude < BLURRED)
     stripes.at_edges[blurred] = np.nan
     stripes.at_edges[:, blurred] = np.nan
+    lit = (stripes.middle > 0).mean(axis=1)
+    few = np.minimum(lit, 1 - lit) < _RARELY
+    stripes.at_edges[np.ix_(few, stripes.amplitude < BLURRED)] = np.nan
     return evidence_of(stripes, slots), blurred
 
 

@@ -165,8 +165,14 @@ def _differences(z: Float32Array, pairs: Sequence[tuple[int, int | None]]) -> Fl
 
 
 def complement_error(places: LinePlaces, a: int, b: int) -> float:
-    """Share of the places at which two photographs do not add up to white and black."""
-    return float((np.abs(places.middle[a] + places.middle[b]) > _APART).mean())
+    """Share of the places at which two photographs do not add up to white and black.
+
+    The mean of all photographs is not half way between dark and lit where a tone curve bends: pictures of single
+    stripes, with light of their neighbours in them, add up to twice that mean, those that are lit or dark almost
+    everywhere, as the coarsest of a projector whose rows just exceed a power of two, to dark and lit themselves.
+    """
+    both, ends = places.middle[a] + places.middle[b], places.middle.max(axis=0) + places.middle.min(axis=0)
+    return float(((both > np.maximum(ends, 0) + _APART) | (both < np.minimum(ends, 0) - _APART)).mean())
 
 
 def repetition_error(places: LinePlaces, a: int, b: int) -> float:

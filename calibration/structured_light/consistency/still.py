@@ -46,6 +46,9 @@ _NOT_LIT, _BETTER = 0.05, 0.05
 """Of a photograph that was exposed otherwise so few places are as bright as lit ones, and so many more have a level
 once it is scaled. Drawn sets at half the exposure had at most 0.021 lit; right photographs of which both levels show
 had 0.11 and more (`benchmarks/photographs`, seeds 2000 to 2170)."""
+_EVERYWHERE, _BY_TONE = 0.8, 1.5
+"""Of the places, where noise leaves the darkest and the brightest photograph what they are; and what a tone curve
+raises blurred stripes' sums by at most."""
 _CHANGED, _TONE = 0.2, 0.3
 """A tone curve raises both photographs of fine stripes alike, by up to 1.3; one of the two by less than the first."""
 
@@ -171,8 +174,13 @@ def exposure_gains(values: FloatArray | Float32Array, pairs: Sequence[tuple[int,
     """
     gains = np.ones(len(values))
     contrast = float((values.max(axis=0).astype(np.float64) - values.min(axis=0)).mean())
-    total = _white_plus_black(values, pairs, contrast)
+    sharp = _sharp_sums(values, pairs, contrast)
+    are_sharp = len(sharp) >= _LEAST_SHARP
+    # A tone curve raises the sum of pairs whose stripes are blurred, by up to a half.
+    total = np.asarray(np.median(sharp, axis=0) if are_sharp else 2 * values.mean(axis=0, dtype=np.float64))
     for a, b in pairs:
+        if not are_sharp and _may_be_ends(values, a, b, total):
+            continue
         found = _gains_of_pair(values[a].astype(np.float64), values[b].astype(np.float64), total, contrast)
         if np.abs(np.log(found)).max() > _CHANGED:
             gains[[a, b]] = np.where(np.abs(np.log(found)) > _CHANGED, found, 1.0)
@@ -217,21 +225,27 @@ def exposure_gains_alone(values: FloatArray | Float32Array) -> FloatArray:
     return gains
 
 
-def _white_plus_black(
+def _sharp_sums(
     values: FloatArray | Float32Array, pairs: Sequence[tuple[int, int]], contrast: float
-) -> FloatArray:
-    """(K,) sum of most pairs whose stripes are sharp; of all photographs where these are few.
-
-    A tone curve raises the sum of pairs whose stripes are blurred, by up to a half.
-    """
-    sharp = [
+) -> list[FloatArray]:
+    """(K,) sums of the pairs whose stripes are sharp."""
+    return [
         values[a] + values[b].astype(np.float64)
         for a, b in pairs
         if np.abs(np.subtract(values[a], values[b], dtype=np.float64)).mean() > _SHARP * contrast
     ]
-    if len(sharp) >= _LEAST_SHARP:
-        return np.asarray(np.median(sharp, axis=0))
-    return np.asarray(2 * values.mean(axis=0, dtype=np.float64))
+
+
+def _may_be_ends(values: FloatArray | Float32Array, a: int, b: int, total: FloatArray) -> bool:
+    """Tell whether a pair adds up to less than blurred ones because it is lit nearly everywhere, and dark.
+
+    The coarsest stripes of a projector whose rows just exceed a power of two are: other surfaces' light is in none of
+    one photograph, and in the other from all of them.
+    """
+    dark, lit = sorted((a, b), key=lambda k: float(values[k].mean()))
+    ends = float(np.mean((values[dark] <= values.min(axis=0)) & (values[lit] >= values.max(axis=0))))
+    missing = float(total.mean()) / max(float((values[a] + values[b].astype(np.float64)).mean()), 1e-6)
+    return ends > _EVERYWHERE and 1.0 <= missing <= _BY_TONE
 
 
 def _gains_of_pair(a: FloatArray, b: FloatArray, total: FloatArray, contrast: float) -> FloatArray:

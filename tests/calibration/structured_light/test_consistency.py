@@ -155,6 +155,44 @@ def test_the_exposure_of_a_frame_is_found_where_the_view_lies_within_a_wide_stri
         assert set(found.gains) <= {name}
 
 
+def lit_by_few_rows(tone: float, around: float) -> dict[str, np.ndarray]:
+    """A projector of 33 rows: of its coarsest stripes one row is lit. Light goes round from all, and a curve bends."""
+    rng, shape = np.random.default_rng(4), (33, 48)
+    found = {}
+    for pattern in gray_code_patterns(shape):
+        lit = cv2.GaussianBlur(np.kron(pattern.codes / 255.0, np.ones((4, 4))), (0, 0), 1.5)
+        light = (0.2 + 0.3 * lit + around * lit.mean()) / (0.5 + around)
+        found[pattern.name] = np.rint(4095 * light ** (1 / tone) + rng.normal(0, 4, light.shape)).clip(0, 4095)
+    return {name: frame.astype(np.uint16) for name, frame in found.items()}
+
+
+@pytest.mark.parametrize(("tone", "around"), [(1.0, 0.0), (1.0, 1.0), (2.2, 0.0), (2.2, 1.0)])
+def test_a_picture_that_is_dark_nearly_everywhere_and_its_inverse_are_a_pair(tone: float, around: float) -> None:
+    """Refused before as no pair, or scaled as another exposure: drawn set 881042 of `benchmarks/photographs`."""
+    found = check_gray_frames(lit_by_few_rows(tone, around), 40)
+    assert found.as_named
+    assert found.gains == {}
+
+
+def test_a_bump_in_a_code_without_inverses_is_seen_where_stripes_are_brighter_than_white() -> None:
+    """Moved along the stripes codes stay the same, but at the ends of things: drawn set 881021."""
+    stripes = {name: frame for name, frame in without_inverses(frames_of()).items() if "column" in name}
+    shadow = np.ones((SHAPE[0] * SCALE, SHAPE[1] * SCALE))
+    shadow[60:140, 80:200] = 0.15
+    rng = np.random.default_rng(5)
+    flats = {"white": np.full(shadow.shape, 114.0), "black": np.full(shadow.shape, 12.0)}
+    still = {
+        name: (shadow * frame + rng.normal(0, 1, shadow.shape)).clip(0, 255).astype(np.uint8)
+        for name, frame in {**flats, **stripes}.items()
+    }
+    still["white"] = np.maximum.reduce(list(still.values()))
+    assert check_gray_frames(still, 10).as_named
+    late = list(still)[4:]
+    bumped = {name: np.roll(frame, 20, axis=0) if name in late else frame for name, frame in still.items()}
+    with pytest.raises(CalibrationError, match=r"gray-column-03.*brighter than white or darker than black.*bumped"):
+        check_gray_frames(bumped, 10)
+
+
 def session_of(code: CodeName, *, blur_px: float = 0.0, glow: float = 0.0, drift: float = 0.0) -> dict[str, np.ndarray]:
     """White, black and a code in linear light: blurred, with light off other walls, of a lamp that drifts."""
     rng = np.random.default_rng(2)
