@@ -12,7 +12,7 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -27,6 +27,7 @@ from rig.session import Session
 from rig.stages.geometry import load_geometry
 from rig.stages.radiometry import load_radiometric_calibration
 from rig.stages.results import SessionResult
+from rig.stages.surface.openings import SeenBehind
 
 
 @dataclass(frozen=True)
@@ -55,9 +56,13 @@ def judgement(folder: Path) -> Judgement:
     # A mesh file has a size of its own, and `size_m` does not count there.
     scene = find_scene(settings, folder.parent).triangles_m if settings.is_mesh_file else None
     size_m = np.array(settings.size_m) if scene is None else np.ptp(scene.reshape(-1, 3), axis=0)
-    outcome = compared(folder.name, load_geometry(session), (camera, projector), size_m)
-    response = judged(profile, load_radiometric_calibration(session))
     metrics = session.read_metrics(SessionResult)
+    behind = () if metrics.model.standing is None else metrics.model.standing.behind
+    # A mesh is as large as its niches are deep; what is measured of a wall is where it stands around them.
+    sigmas = {name: value for name, value in metrics.geometry.sigmas.items() if name not in _walls(behind)}
+    geometry = replace(load_geometry(session), sigmas=sigmas)
+    outcome = compared(folder.name, geometry, (camera, projector), size_m)
+    response = judged(profile, load_radiometric_calibration(session))
     told = {row.what: row.value for row in metrics.limits}
     return Judgement(
         geometry=outcome,
@@ -66,6 +71,10 @@ def judgement(folder: Path) -> Judgement:
         place_percent=told["geometry: uncertainty of the places of devices and surfaces"],
         askew_percent=next((value for what, value in told.items() if what.endswith("askew")), np.nan),
     )
+
+
+def _walls(behind: Sequence[SeenBehind]) -> set[str]:
+    return {f"surface_{one.face}_m" for one in behind}
 
 
 def table(found: Mapping[str, Judgement], unfinished: Mapping[str, str]) -> str:

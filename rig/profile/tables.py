@@ -271,6 +271,8 @@ class FreeSurface(Room):
     """A room and whatever stands in it, as it is measured point by point."""
 
     kind: Literal["free"]
+    size_to_walls: bool = False
+    """`size_m` is between the walls themselves, not from what is seen through an opening in one: a niche, a door."""
     also: tuple[str, ...] = ()
     """Sessions of the same projector in the same place with the camera elsewhere, relative to the profile."""
 

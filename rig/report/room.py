@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
-from calibration.geometry.room import FACES
 from rig.files.channels import PRIMARIES
 from rig.stages.light.darkness import DarknessRecord
 from rig.stages.results import ByBand, GeometryResult, ModelResult
 from rig.stages.surface.known import RegistrationRecord
-from rig.stages.surface.openings import SeenBehind
+from rig.stages.surface.openings import SeenBehind, opposite
 from rig.stages.surface.positions import PositionRecord
 from rig.stages.transport.evidence import evidence_words
 from rig.stages.transport.records import SurfaceGloss
@@ -48,7 +45,7 @@ def _standing_words(model: ModelResult, geometry: GeometryResult) -> str:
         f"{_words_of_backs(found.deep)}"
         f"{''.join(_position_words(one) for one in found.positions)}"
         f"{_continued_words(found.n_continued)}"
-        f"{''.join(opening_words(one, geometry.faces_seen) for one in found.behind)}"
+        f"{''.join(opening_words(one, is_doubtful=one.face in geometry.openings_m) for one in found.behind)}"
     )
 
 
@@ -81,15 +78,15 @@ def _continued_words(triangles: int) -> str:
     )
 
 
-def opening_words(one: SeenBehind, seen: Sequence[str]) -> str:
+def opening_words(one: SeenBehind, *, is_doubtful: bool) -> str:
     """Return what an opening in a wall is, and what it leaves unknown of the wall opposite, unless that was seen."""
-    opposite = FACES[FACES.index(one.face) ^ 1]  # faces come in pairs
     words = f" {one.face} is open: through it something is seen {one.depth_m:.2f} m behind (a niche, a door, a window)."
-    if opposite in seen:
+    if not is_doubtful:
         return words
     return (
-        f"{words} If size_m of the profile was measured to there and not to {one.face}, {opposite}, which nobody saw, "
-        f"stands {one.depth_m:.2f} m away from where it is taken to be."
+        f"{words} If size_m of the profile was measured to there and not to {one.face}, {opposite(one.face)}, which "
+        f"nobody saw, stands {one.depth_m:.2f} m away from where it is taken to be; that is part of the standard "
+        "deviations, until size_to_walls = true says that it was measured from wall to wall."
     )
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from rig.files.channels import image_of
+from rig.profile.tables import FreeSurface
 from rig.records import Verdict, all_met
 from rig.run.expectations import expected_figures
 from rig.run.lamp import drift_left_percent, lamp_change
@@ -37,7 +38,7 @@ from rig.stages.results import (
     TruthErrors,
 )
 from rig.stages.separation import load_separation_record, processing_of_pictures_dn
-from rig.stages.surface.openings import SeenBehind, seen_behind
+from rig.stages.surface.openings import SeenBehind, left_open, seen_behind, sigmas_with_openings
 from rig.stages.surface.standing import StandingRecord
 from rig.stages.target import shown_target
 from rig.stages.transport.evidence import gathered_evidence
@@ -95,6 +96,7 @@ def session_result(session: Session, truth: TruthErrors | None) -> SessionResult
 
 def _geometry(session: Session, *, is_separated: bool) -> GeometryResult:
     record, figures = load_geometry(session), load_correspondence_figures(session)
+    openings = _doubtful_openings(session) if is_separated else ()
     return GeometryResult(
         rms_px=record.rms_px,
         camera_rms_px=only(record.cameras).rms_px,
@@ -105,13 +107,22 @@ def _geometry(session: Session, *, is_separated: bool) -> GeometryResult:
         faces_seen=record.surface.seen,
         room_notes=record.surface.notes,
         off_walls_m=record.surface.off_m,
-        sigmas=record.sigmas,
+        sigmas=sigmas_with_openings(record.sigmas, openings),
+        openings_m={one.face: one.depth_m for one in openings},
         right_angle_sigmas=record.right_angle_sigmas,
         askew_sigmas=record.askew_sigmas,
         valid_share=_valid_share(session) if is_separated else None,
         stripes_times=figures.stripes_times,
         superposition_percent=figures.superposition_percent,
     )
+
+
+def _doubtful_openings(session: Session) -> tuple[SeenBehind, ...]:
+    """Openings that leave open from where to where the tape was held; none where the profile says it."""
+    surface, found = session.profile.surface, load_standing(session)
+    if not isinstance(surface, FreeSurface) or surface.size_m is None or surface.size_to_walls or found is None:
+        return ()
+    return left_open(_seen_behind(session, found), load_geometry(session).surface.seen)
 
 
 def _valid_share(session: Session) -> float:

@@ -9,6 +9,7 @@ from calibration.light.check_size import large_enough_px
 from rig.profile.schema import Profile
 from rig.profile.tables import Limits
 from rig.records import Verdict
+from rig.run.certainty import SURER, length_advice, length_sigma_percent, place_advice, place_sigma_percent
 from rig.stages.light.exposure import CameraExposure
 from rig.stages.light.odd_checks import first_names
 from rig.stages.light.records import SeparationRecord
@@ -16,10 +17,6 @@ from rig.stages.results import GeometryResult, ModelComparison, ModelResult
 from rig.stages.stripes.showing import focus_verdicts, out_of_focus
 from rig.stages.stripes.superposition import superposition_verdicts
 
-_SURER = (
-    "show three surfaces, move the camera away from the projector, give both devices a lens file (rig lenses), or a "
-    "second length by tape (surface.size_m with both walls of a side seen, surface.lens_height_m with the floor seen)"
-)
 _MOST_AGAINST_RIGHT_ANGLES = 3.0
 """Standard deviations: of thirty random rooms 1.4 at most, of corners of 93 to 96 degrees, which were up to 10 % of the
 room off, 2.5 to 4.2."""
@@ -47,8 +44,6 @@ _ADVICE_ONE_WALL = (
     "the rest of the room, which the model has not, sends light back to the wall unevenly: show a corner, so that the "
     "surfaces near by are modelled, or cover what is bright beside the wall"
 )
-_WHERE = ("x", "y", "z", "x0", "x1", "y0", "y1", "floor", "ceiling")
-"""Axes of the room, and its surfaces."""
 
 
 def verdicts(
@@ -77,22 +72,21 @@ def geometry_verdicts(geometry: GeometryResult, limits: Limits) -> tuple[Verdict
         ),
         Verdict(
             what="geometry: uncertainty of the room's lengths",
-            value=_length_sigma_percent(geometry),
+            value=length_sigma_percent(geometry),
             limit=limits.geometry_sigma_percent,
             unit="%",
-            advice=f"what is lit and seen tells the lengths badly: {_SURER}",
+            advice=length_advice(geometry),
         ),
         Verdict(
             what="geometry: uncertainty of the places of devices and surfaces",
-            value=_place_sigma_percent(geometry),
+            value=place_sigma_percent(geometry),
             limit=limits.geometry_sigma_percent,
             unit="% of the room",
-            advice=f"{_least_certain(geometry)} is known to no better: {_SURER}. If you can live with it, raise "
-            "limits.geometry_sigma_percent",
+            advice=place_advice(geometry),
         ),
         Verdict(
             what="geometry: what the least certain length or place is off by, once in a hundred",
-            value=_ONCE_IN_A_HUNDRED * max(_length_sigma_percent(geometry), _place_sigma_percent(geometry)),
+            value=_ONCE_IN_A_HUNDRED * max(length_sigma_percent(geometry), place_sigma_percent(geometry)),
             unit="%",
         ),
         *_off_walls(geometry),
@@ -142,14 +136,14 @@ def _rests_on_right_angles(geometry: GeometryResult) -> tuple[Verdict, ...]:
     if geometry.askew_sigmas is None:
         return ()
     askew = replace(geometry, sigmas=geometry.askew_sigmas)
-    percent = max(_length_sigma_percent(askew), _place_sigma_percent(askew))
+    percent = max(length_sigma_percent(askew), place_sigma_percent(askew))
     return (
         Verdict(
             what=f"geometry: what the least certain length or place is off by, if walls are {USUAL_ASKEW_DEG:g}° askew",
             value=percent,
             unit="%",
             advice="right_angles = true is taken as exact; say how far from square walls may stand "
-            f"(surface.askew_deg), and it counts in all uncertainties. To make it less: {_SURER}",
+            f"(surface.askew_deg), and it counts in all uncertainties. To make it less: {SURER}",
         ),
     )
 
@@ -341,37 +335,6 @@ def _compared(comparison: ModelComparison, limits: Limits) -> tuple[Verdict, ...
             "(transport.photographs)",
         ),
     )
-
-
-def _length_sigma_percent(geometry: GeometryResult) -> float:
-    """Largest standard deviation of a length of the room that was measured, tape included, as a share of it.
-
-    A wall alone has no size: before it the lengths are those between wall, camera and projector.
-    """
-    if len(geometry.faces_seen) == 1:
-        return 100 * geometry.sigmas["baseline_m"] / geometry.baseline_m
-    sigmas_m = [geometry.sigmas.get(f"room_{axis}_m", 0.0) for axis in "xyz"]
-    return max(100 * sigma / length for sigma, length in zip(sigmas_m, geometry.room_size_m, strict=True))
-
-
-def _place_sigma_percent(geometry: GeometryResult) -> float:
-    """Largest standard deviation of where a device or a measured surface is, as a share of the room's longest side."""
-    return 100 * max(_place_sigmas(geometry).values()) / max(geometry.room_size_m)
-
-
-def _least_certain(geometry: GeometryResult) -> str:
-    """In words."""
-    sigmas = _place_sigmas(geometry)
-    what, which, _ = max(sigmas, key=lambda name: sigmas[name]).split("_")
-    if what == "surface":
-        return f"the distance of {which} from the projector"
-    return f"the camera against the projector along {which}" if what == "relative" else f"the {what}'s {which}"
-
-
-def _place_sigmas(geometry: GeometryResult) -> dict[str, float]:
-    """By name, in metres: of what nobody measured there is none."""
-    kinds = ("camera", "projector", "relative", "surface")
-    return {f"{k}_{w}_m": s for k in kinds for w in _WHERE if (s := geometry.sigmas.get(f"{k}_{w}_m")) is not None}
 
 
 def _guessed_axes(geometry: GeometryResult, model: ModelResult, most_m: float) -> list[str]:

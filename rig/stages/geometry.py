@@ -129,7 +129,7 @@ class GeometryRecord(Record):
 def geometry_settings(session: Session) -> JsonObject:
     """Return what step `geometry` depends on."""
     profile = session.profile
-    unused = {"patch_size_m", "file", "unit", "up", "also"}
+    unused = {"patch_size_m", "file", "unit", "up", "also", "size_to_walls"}
     unused |= {"lens_height_m"} if profile.room.lens_height_m is None else set()
     unused |= {"askew_deg"} if not profile.room.askew_deg else set()
     return {

@@ -6,7 +6,7 @@ All are records of numbers; errors of pictures are grey levels of 255.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from rig.records import Record, Verdict
 from rig.stages.comparison import ModelErrors
@@ -43,6 +43,9 @@ class GeometryResult(Record):
     """How far what was measured of the walls lies off the box that stands for them: 95 % of the points by no more."""
     sigmas: Mapping[str, float]
     """Standard deviations: lens terms [px or 1]; what ends in _m or _deg, of poses and lengths, in that unit."""
+    openings_m: Mapping[str, float] = field(default_factory=dict)
+    """By wall with an opening: how far what is seen through it lies behind, where nobody saw the wall opposite and
+    `size_m` may have been measured to either. It is part of the standard deviations."""
     right_angle_sigmas: float | None = None
     """By how much the points and the data sheets speak against right angles; None where none were taken."""
     askew_sigmas: Mapping[str, float] | None = None

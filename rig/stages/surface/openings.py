@@ -31,6 +31,8 @@ _TOUCHING = 0.01
 _SEEN_EVERY, _FEW = 0.005, 2
 """Of the room's size, between points that a side must not hide, and how many it may: about a pixel of a camera with 320
 columns each. Triangles are ten times as large: of odd room 1022 sides hid 140 pixels between their middles."""
+_EITHER_WAY = 0.5**0.5
+"""Of a depth that a length may have in it or not, as likely, what it is off by (root mean square), from either."""
 _SHY = 1e-3
 """Of its distance, by which what hides a point is nearer."""
 
@@ -58,6 +60,37 @@ def seen_behind(corners_m: FloatArray, size_m: Sequence[float]) -> tuple[SeenBeh
         for k, face in enumerate(FACES)
         if behind[:, k].any()
     )
+
+
+def left_open(behind: Sequence[SeenBehind], seen: Sequence[str]) -> tuple[SeenBehind, ...]:
+    """Return the openings whose depth the room's size may hold: nobody saw the wall opposite, which it places."""
+    return tuple(one for one in behind if one.face in seen and opposite(one.face) not in seen)
+
+
+def opposite(face: str) -> str:
+    """Return the face on the other side of the room."""
+    return FACES[FACES.index(face) ^ 1]  # faces come in pairs
+
+
+def sigmas_with_openings(sigmas: Mapping[str, float], openings: Sequence[SeenBehind]) -> dict[str, float]:
+    """Return standard deviations of lengths and places where openings leave open to where the room's size counts.
+
+    Parameters
+    ----------
+    sigmas : mapping of name to standard deviation
+        By the names of :class:`rig.stages.geometry.GeometryRecord`. [m]
+    openings
+        What :func:`left_open` gives.
+    """
+    found = dict(sigmas)
+    for one in openings:
+        axis, is_far = divmod(FACES.index(one.face), 2)
+        # Places count from the wall that nobody saw where the one with the opening is the far one.
+        for name in ("room", *(("camera", "projector") if is_far else ())):
+            key = f"{name}_{'xyz'[axis]}_m"
+            if key in found:
+                found[key] = float(np.hypot(found[key], _EITHER_WAY * one.depth_m))
+    return found
 
 
 def _depths_m(corners_m: FloatArray, size_m: Sequence[float]) -> FloatArray:

@@ -59,6 +59,18 @@ def test_what_is_off_by_more_than_a_percent_once_in_a_hundred_is_outside_the_lim
     assert not places(tiny_profile, camera_y_m=1.02 * 0.01 * 4.8 / 2.58).met
 
 
+def test_a_niche_that_the_tape_may_have_reached_into_is_named_with_the_key_that_settles_it(
+    tiny_profile: Profile,
+) -> None:
+    doubtful = replace(GEOMETRY, sigmas=SIGMAS_M | {"camera_x_m": 0.28, "room_x_m": 0.28}, openings_m={"x1": 0.4})
+    unmet = [row for row in geometry_verdicts(doubtful, tiny_profile.limits) if not row.met]
+    assert len(unmet) == 2
+    for row in unmet:
+        assert "x1 is open" in row.advice
+        assert "0.40 m behind it" in row.advice
+        assert "size_to_walls = true" in row.advice
+
+
 @pytest.mark.parametrize(
     ("percent", "met", "cause"),
     [(1.6, False, "dims bright pictures"), (-1.6, False, "brightens bright pictures"), (0.9, True, "")],

@@ -12,7 +12,7 @@ from calibration.geometry.pinhole import PinholeModel
 from rig.report.room import opening_words
 from rig.stages.light import choice
 from rig.stages.light.choice import FittedRoom, better_explained
-from rig.stages.surface.openings import seen_behind
+from rig.stages.surface.openings import SeenBehind, left_open, seen_behind, sigmas_with_openings
 from rig.stages.surface.scene import scene_of
 from rig.stages.surface.standing import StandingRecord
 from rig.stages.surface.walls import finer_along, finer_where, finest_m, points_on, seen_edges
@@ -290,7 +290,24 @@ def test_an_opening_is_told_with_the_wall_that_it_may_have_misplaced():
     assert (found.face, found.depth_m) == ("y0", pytest.approx(0.4))
     nearly_on_it = corners + np.array([0, 0.39, 0])
     assert not seen_behind(nearly_on_it, (4.0, 4.0, 2.0)), "1 cm behind its wall is an error of the wall"
-    told = opening_words(found, ("y0", "floor"))
+    told = opening_words(found, is_doubtful=True)
     assert "y0 is open: through it something is seen 0.40 m behind" in told
     assert "y1, which nobody saw, stands 0.40 m away from where it is taken to be" in told
-    assert "size_m" not in opening_words(found, ("y0", "y1", "floor")), "both walls were measured"
+    assert left_open((found,), ("y0", "floor")) == (found,)
+    assert not left_open((found,), ("y0", "y1", "floor")), "both walls were measured"
+    assert "size_m" not in opening_words(found, is_doubtful=False)
+
+
+def test_an_opening_whose_wall_opposite_nobody_saw_is_part_of_the_sigmas_of_what_the_tape_places():
+    """A niche 0.4 m deep in wall x1, to which places are measured: x0 and all that counts from it may be 0.4 m off.
+
+    Odd room 600 of `benchmarks/calibration/random_worlds.py` was, by more than twenty sigma.
+    """
+    sigmas = {f"{what}_{axis}_m": 0.003 for what in ("room", "camera", "projector", "surface_x1") for axis in "xy"}
+    niche = SeenBehind(face="x1", depth_m=0.4)
+    wider = sigmas_with_openings(sigmas, (niche,))
+    changed = {name for name in sigmas if wider[name] != sigmas[name]}
+    assert changed == {"room_x_m", "camera_x_m", "projector_x_m"}
+    assert 0.4 < 2 * wider["room_x_m"] < 0.8, "what it is off by if it was measured to the niche's back"
+    near = sigmas_with_openings(sigmas, (SeenBehind(face="y0", depth_m=0.4),))
+    assert {name for name in sigmas if near[name] != sigmas[name]} == {"room_y_m"}, "places count from y0 itself"
