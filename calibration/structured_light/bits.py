@@ -122,7 +122,7 @@ def difference(lit: Frame, other: Frame) -> Frame:
 
 
 def middle(bright: Frame, dark: Frame, share: float = 0.5) -> Frame:
-    """(H, W) level so far from black to white; whole for whole numbers, which are above it or not as before."""
+    """(H, W) level so far from black to white; of whole numbers its whole part, above which they are where above it."""
     if bright.dtype.kind == "u" and bright.dtype == dark.dtype:
         step = bright - np.minimum(bright, dark)
         above = step // 2 if share == 0.5 else np.floor(step * np.float32(share)).astype(step.dtype)
@@ -153,10 +153,10 @@ def half_share(finest: Sequence[Frame], bright: Frame, dark: Frame, contrast_lim
     black = dark[few].astype(np.float32)
     contrast = bright[few].astype(np.float32) - black
     lit = contrast >= np.asarray(contrast_limit)[few if np.ndim(contrast_limit) else ...]
-    if not lit.any():
+    if not finest or not lit.any():
         return 0.5
     lit &= contrast > _BRIGHT_ENOUGH * np.quantile(contrast[lit], 0.9)
     shares = [(frame[few].astype(np.float32)[lit] - black[lit]) / contrast[lit] for frame in finest]
-    ends = [np.quantile(share, (0.5 - _UNEVEN, 0.5 + _UNEVEN)) for share in shares]
+    ends = [np.nanquantile(share, (0.5 - _UNEVEN, 0.5 + _UNEVEN)) for share in shares]
     low, high = max(low for low, _ in ends), min(high for _, high in ends)
     return float(np.clip(np.clip(0.5, min(low, high), max(low, high)), *_HALVES))

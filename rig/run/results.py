@@ -119,10 +119,11 @@ def _geometry(session: Session, *, is_separated: bool) -> GeometryResult:
 
 def _doubtful_openings(session: Session) -> tuple[SeenBehind, ...]:
     """Openings that leave open from where to where the tape was held; none where the profile says it."""
-    surface, found = session.profile.surface, load_standing(session)
-    if not isinstance(surface, FreeSurface) or surface.size_m is None or surface.size_to_walls or found is None:
+    surface = session.profile.surface
+    if not isinstance(surface, FreeSurface) or surface.size_m is None or surface.size_to_walls:
         return ()
-    return left_open(_seen_behind(session, found), load_geometry(session).surface.seen)
+    found = load_standing(session)
+    return () if found is None else left_open(_seen_behind(session, found), load_geometry(session).surface.seen)
 
 
 def _valid_share(session: Session) -> float:

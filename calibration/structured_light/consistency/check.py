@@ -8,7 +8,7 @@ still scene looks the same in all such sums, and the edges of coarse stripes lie
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from calibration.structured_light.consistency.bounds import refuse_beyond_white
 from calibration.structured_light.consistency.edges import (
     BLURRED,
     LinePlaces,
+    Stripes,
     complement_error,
     fine_correlation,
     normalised,
@@ -45,9 +46,10 @@ photograph's; on a real scan −0.5 and 0.4."""
 _GONE = 0.1
 """Of white minus mean, the finest stripes of photographs without inverses: below, what is left is mostly noise. In a
 drawn set (seed 802) whose camera pixels are as large as two of the projector's they had 0.05."""
-_GONE_OF_PAIR = 0.05
-"""The same with inverses, of which the difference has less noise. In drawn set 884142 a camera's pixel is as large as
-two of the projector's, and stripes of 0.03 to 0.04 are moiré, which changes with its inverse and tells nothing."""
+_MOIRE = 0.05
+"""The same with inverses, where no order explains the stripes otherwise: in drawn set 884142 a camera's pixel is as
+large as two of the projector's, and finest stripes of 0.03 to 0.04 are moiré, which tells nothing. A real scan's have
+less by JPEG 20, and still tell."""
 _RARELY = 0.03
 """Of the places, on the other side of a coarse stripe's edge: the last rows of a projector with few more than a power
 of two, two or three camera pixels wide, within which blurred pictures do not show what they are."""
@@ -112,9 +114,13 @@ def check_gray_frames(frames: Mapping[str, Frame], limit: float) -> PhotographOr
         pairs = _matched(seen, pairs, shown, names)
         _refuse_movement([(shown[a], shown[b]) for a, b in pairs], pairs, names)
     pictures: Sequence[tuple[int, int | None]] = pairs if complete else named
-    evidence, blurred = _evidence(seen, pictures, patterns)
+    stripes = stripes_of(seen, pictures)
+    evidence, blurred = _evidence(seen, stripes, pictures, patterns, gone=0.0 if complete else _GONE)
     start = as_named(evidence.slots)
     readings = consistent_readings(evidence, start)
+    if not readings and complete:
+        evidence, blurred = _evidence(seen, stripes, pictures, patterns, gone=_MOIRE)
+        readings = consistent_readings(evidence, start)
     if not complete:
         readings = tuple(reading for reading in readings if min(reading.sign) > 0)
     if not readings:
@@ -155,23 +161,29 @@ def _equal(values: Float32Array) -> BoolArray:
 
 
 def _evidence(
-    seen: LinePlaces, pictures: Sequence[tuple[int, int | None]], patterns: Sequence[str]
+    seen: LinePlaces,
+    stripes: Stripes,
+    pictures: Sequence[tuple[int, int | None]],
+    patterns: Sequence[str],
+    *,
+    gone: float,
 ) -> tuple[Evidence, BoolArray]:
-    """Evidence about the order, and (U,) pictures that are too blurred to give any."""
+    """Evidence about the order, and (U,) pictures that are too blurred to give any.
+
+    Finest stripes of which less than `gone` is left give none.
+    """
     parts = [name.split("-") for name in patterns]
     slots = Slots(tuple(part[1] for part in parts), tuple(int(part[2]) for part in parts))
-    stripes = stripes_of(seen, pictures)
     together = fine_correlation(seen)
-    alone = np.array([b is None for _, b in pictures])
-    gone = slots.finest & (stripes.amplitude < np.where(alone, _GONE, _GONE_OF_PAIR))
-    alike = gone | [b is not None and together[a, b] > _BLURRED_PAIR for a, b in pictures]
-    blurred = alike & (stripes.amplitude < BLURRED)
-    stripes.at_edges[blurred] = np.nan
-    stripes.at_edges[:, blurred] = np.nan
+    alike = [b is not None and together[a, b] > _BLURRED_PAIR for a, b in pictures]
+    blurred = (np.array(alike) | (slots.finest & (stripes.amplitude < gone))) & (stripes.amplitude < BLURRED)
+    at_edges = stripes.at_edges.copy()
+    at_edges[blurred] = np.nan
+    at_edges[:, blurred] = np.nan
     lit = (stripes.middle > 0).mean(axis=1)
     few = np.minimum(lit, 1 - lit) < _RARELY
-    stripes.at_edges[np.ix_(few, stripes.amplitude < BLURRED)] = np.nan
-    return evidence_of(stripes, slots), blurred
+    at_edges[np.ix_(few, stripes.amplitude < BLURRED)] = np.nan
+    return evidence_of(replace(stripes, at_edges=at_edges), slots), blurred
 
 
 def _matched(

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -37,7 +38,7 @@ BLURRED = 0.5
 """Of white minus mean: stripes of less contrast are compared by their changes."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class LinePlaces:
     """All photographs at lit places along rows and columns: digital numbers, or −1 dark … +1 lit."""
 
@@ -47,6 +48,11 @@ class LinePlaces:
     """(N, K) one camera pixel further."""
     right: Float32Array
     """(N, K) two camera pixels further."""
+
+    @cached_property
+    def dark_and_lit(self) -> Float32Array:
+        """(K,) sum of the least and the most that any photograph shows at a place."""
+        return np.asarray(self.middle.max(axis=0) + self.middle.min(axis=0))
 
 
 @dataclass(frozen=True, slots=True)
@@ -171,7 +177,7 @@ def complement_error(places: LinePlaces, a: int, b: int) -> float:
     stripes, with light of their neighbours in them, add up to twice that mean, those that are lit or dark almost
     everywhere, as the coarsest of a projector whose rows just exceed a power of two, to dark and lit themselves.
     """
-    both, ends = places.middle[a] + places.middle[b], places.middle.max(axis=0) + places.middle.min(axis=0)
+    both, ends = places.middle[a] + places.middle[b], places.dark_and_lit
     return float(((both > np.maximum(ends, 0) + _APART) | (both < np.minimum(ends, 0) - _APART)).mean())
 
 

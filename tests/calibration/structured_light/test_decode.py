@@ -210,6 +210,13 @@ def test_missing_frames_are_named() -> None:
         decode_gray(frames, PROJECTOR, contrast_limit=20, bit_limit=10)
 
 
+def test_a_code_without_inverses_whose_finest_pictures_are_missing_is_refused_by_their_names() -> None:
+    frames = photographs(centred(truth()), inverse=False)
+    rest = {name: frame for name, frame in frames.items() if not name.endswith("-00")}
+    with pytest.raises(CalibrationError, match="gray-column-00"):
+        decode_gray(rest, PROJECTOR, contrast_limit=20, bit_limit=10)
+
+
 def test_a_missing_inverse_among_others_is_named() -> None:
     frames = photographs(centred(truth()))
     del frames["gray-row-03-inverse"]
