@@ -125,8 +125,7 @@ def middle(bright: Frame, dark: Frame, share: float = 0.5) -> Frame:
     """(H, W) level so far from black to white; of whole numbers its whole part, above which they are where above it."""
     if bright.dtype.kind == "u" and bright.dtype == dark.dtype:
         step = bright - np.minimum(bright, dark)
-        above = step // 2 if share == 0.5 else np.floor(step * np.float32(share)).astype(step.dtype)
-        return np.asarray(dark + above, dtype=bright.dtype)
+        return np.asarray(dark + np.floor(step * np.float32(share)).astype(step.dtype))
     light, none = bright.astype(np.float32), dark.astype(np.float32)
     return np.asarray(none + (light - none) * np.float32(share))
 

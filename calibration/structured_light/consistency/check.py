@@ -106,13 +106,12 @@ def check_gray_frames(frames: Mapping[str, Frame], limit: float) -> PhotographOr
     pairs = [(a, b) for a, b in named if b is not None]
     gains = _gains(places, pairs) if complete else exposure_gains_alone(places.middle)
     seen = normalised(places, gains, complete=complete)
-    if not complete:
-        exposed = dict(zip(names, (float(gain) for gain in gains), strict=True))
-        refuse_beyond_white({name: _evened(frame, exposed.get(name, 1.0)) for name, frame in frames.items()})
-    else:
-        shown = [_evened(frames[name], float(gain)) for name, gain in zip(names, gains, strict=True)]
+    shown = [_evened(frames[name], float(gain)) for name, gain in zip(names, gains, strict=True)]
+    if complete:
         pairs = _matched(seen, pairs, shown, names)
         _refuse_movement([(shown[a], shown[b]) for a, b in pairs], pairs, names)
+    else:
+        refuse_beyond_white({**frames, **dict(zip(names, shown, strict=True))})
     pictures: Sequence[tuple[int, int | None]] = pairs if complete else named
     stripes = stripes_of(seen, pictures)
     evidence, blurred = _evidence(seen, stripes, pictures, patterns, gone=0.0 if complete else _GONE)

@@ -173,13 +173,14 @@ def exposure_gains(values: FloatArray | Float32Array, pairs: Sequence[tuple[int,
         Exposure relative to the others'; exactly 1 where it differs by less than a fifth.
     """
     gains = np.ones(len(values))
-    contrast = float((values.max(axis=0).astype(np.float64) - values.min(axis=0)).mean())
+    least, most = values.min(axis=0), values.max(axis=0)
+    contrast = float((most.astype(np.float64) - least).mean())
     sharp = _sharp_sums(values, pairs, contrast)
     are_sharp = len(sharp) >= _LEAST_SHARP
     # A tone curve raises the sum of pairs whose stripes are blurred, by up to a half.
     total = np.asarray(np.median(sharp, axis=0) if are_sharp else 2 * values.mean(axis=0, dtype=np.float64))
     for a, b in pairs:
-        if not are_sharp and _may_be_ends(values, a, b, total):
+        if not are_sharp and _may_be_ends((values[a], values[b]), (least, most), float(total.mean())):
             continue
         found = _gains_of_pair(values[a].astype(np.float64), values[b].astype(np.float64), total, contrast)
         if np.abs(np.log(found)).max() > _CHANGED:
@@ -236,16 +237,21 @@ def _sharp_sums(
     ]
 
 
-def _may_be_ends(values: FloatArray | Float32Array, a: int, b: int, total: FloatArray) -> bool:
-    """Tell whether a pair adds up to less than blurred ones because it is lit nearly everywhere, and dark.
+def _may_be_ends(
+    pair: tuple[FloatArray | Float32Array, FloatArray | Float32Array],
+    ends: tuple[FloatArray | Float32Array, FloatArray | Float32Array],
+    total: float,
+) -> bool:
+    """Tell whether a pair adds up to less than blurred ones because one is dark nearly everywhere, the other lit.
 
     The coarsest stripes of a projector whose rows just exceed a power of two are: other surfaces' light is in none of
     one photograph, and in the other from all of them.
     """
-    dark, lit = sorted((a, b), key=lambda k: float(values[k].mean()))
-    ends = float(np.mean((values[dark] <= values.min(axis=0)) & (values[lit] >= values.max(axis=0))))
-    missing = float(total.mean()) / max(float((values[a] + values[b].astype(np.float64)).mean()), 1e-6)
-    return ends > _EVERYWHERE and 1.0 <= missing <= _BY_TONE
+    dark, lit = sorted(pair, key=lambda one: float(one.mean()))
+    least, most = ends
+    at_ends = float(np.mean((dark <= least) & (lit >= most)))
+    missing = total / max(float((lit + dark.astype(np.float64)).mean()), 1e-6)
+    return at_ends > _EVERYWHERE and 1.0 <= missing <= _BY_TONE
 
 
 def _gains_of_pair(a: FloatArray, b: FloatArray, total: FloatArray, contrast: float) -> FloatArray:
