@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -99,7 +99,7 @@ def in_order(
     return OrderedPhotographs(
         frames=_taken_for(frames, reading),
         mended=(*_mended_order(manifest, changed), *_mended_exposures(manifest, checked.gains)),
-        warnings=(*_left_open(len(others)), *_unresolved(manifest, checked)),
+        warnings=(*_left_open(len(others), checked), *_unresolved(manifest, checked)),
         lit=lit,
         grid_px=step_px,
     )
@@ -203,24 +203,35 @@ def _mended_exposures(manifest: Manifest, gains: Mapping[str, float]) -> tuple[s
     )
 
 
-def _left_open(others: int) -> tuple[str, ...]:
+def _left_open(others: int, checked: PhotographOrder) -> tuple[str, ...]:
     if not others:
         return ()
+    lacking = "of the finest stripes too few pixels" if checked.undersampled else "no edge of the widest stripes"
+    remedy = "move the camera nearer" if checked.undersampled else "photograph a larger part of the projected picture"
     return (
         f"{others} other {'order' if others == 1 else 'orders'} of the photographs would explain them as well, since "
-        "the view has no edge of the widest stripes: the cloud rests on the names alone; photograph a larger part of "
-        "the projected picture",
+        f"the view has {lacking}: the cloud rests on the names alone; {remedy}",
     )
 
 
 def _unresolved(manifest: Manifest, checked: PhotographOrder) -> tuple[str, ...]:
-    if not checked.unresolved:
-        return ()
-    files = ", ".join(manifest.frames[name].name for name in checked.unresolved)
-    return (
-        f"the stripes in {files} are too blurred to be read: focus camera and projector, go nearer, or "
-        "leave them out (finest_bit)",
-    )
+    said = []
+    if checked.unresolved:
+        said.append(
+            f"the stripes in {_files(manifest, checked.unresolved)} are too blurred to be read: focus camera and "
+            "projector, go nearer, or leave them out (finest_bit)"
+        )
+    if checked.undersampled:
+        said.append(
+            f"the stripes in {_files(manifest, checked.undersampled)} are narrower than one and a half pixels of the "
+            "camera: only their names tell what they are; move the camera nearer, use one with more pixels, or leave "
+            "them out (finest_bit)"
+        )
+    return tuple(said)
+
+
+def _files(manifest: Manifest, patterns: Sequence[str]) -> str:
+    return ", ".join(manifest.frames[name].name for name in patterns)
 
 
 def with_files(manifest: Manifest, message: str) -> str:

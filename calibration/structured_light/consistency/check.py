@@ -73,6 +73,8 @@ class PhotographOrder:
     """Exposure of photographs that differ from the rest, by given name. [1]"""
     unresolved: tuple[str, ...]
     """Patterns whose stripes are too blurred to tell anything."""
+    undersampled: tuple[str, ...]
+    """Patterns that only their names place: the camera has fewer than three pixels to a bright and a dark stripe."""
 
 
 def check_gray_frames(frames: Mapping[str, Frame], limit: float) -> PhotographOrder:
@@ -114,21 +116,18 @@ def check_gray_frames(frames: Mapping[str, Frame], limit: float) -> PhotographOr
         refuse_beyond_white({**frames, **dict(zip(names, shown, strict=True))})
     pictures: Sequence[tuple[int, int | None]] = pairs if complete else named
     stripes = stripes_of(seen, pictures)
-    evidence, blurred = _evidence(seen, stripes, pictures, patterns, gone=0.0 if complete else _GONE)
-    start = as_named(evidence.slots)
-    readings = consistent_readings(evidence, start)
-    if not readings and complete:
-        evidence, blurred = _evidence(seen, stripes, pictures, patterns, gone=_MOIRE)
-        readings = consistent_readings(evidence, start)
+    judged = _judged(stripes, _slots(patterns), _alike(seen, pictures), gone=0.0 if complete else _GONE)
+    readings = judged.readings
     if not complete:
         readings = tuple(reading for reading in readings if min(reading.sign) > 0)
     if not readings:
-        raise CalibrationError(_unexplained(evidence, start, [names[a] for a, _ in pictures]))
+        raise CalibrationError(_unexplained(judged.evidence, [names[a] for a, _ in pictures]))
     return PhotographOrder(
-        as_named=list(pictures) == named and readings[0] == start,
+        as_named=list(pictures) == named and readings[0] == as_named(judged.evidence.slots),
         readings=tuple(_by_name(reading, patterns, pictures, names) for reading in readings),
         gains={name: float(gain) for name, gain in zip(names, gains, strict=True) if gain != 1},
-        unresolved=tuple(patterns[k] for k in np.flatnonzero(blurred)),
+        unresolved=tuple(patterns[k] for k in np.flatnonzero(judged.blurred)),
+        undersampled=tuple(patterns[k] for k in np.flatnonzero(judged.undersampled & ~judged.blurred)),
     )
 
 
@@ -139,7 +138,7 @@ def _evened(frame: Frame, gain: float) -> Frame:
 
 def _nothing_to_tell(names: Sequence[str]) -> PhotographOrder:
     """For photographs in which nothing is lit: what follows will say so."""
-    return PhotographOrder(True, ({name: name for name in names},), {}, ())
+    return PhotographOrder(True, ({name: name for name in names},), {}, (), ())
 
 
 def _gains(places: LinePlaces, pairs: Sequence[tuple[int, int]]) -> FloatArray:
@@ -159,30 +158,53 @@ def _equal(values: Float32Array) -> BoolArray:
     return np.asarray(apart < _EQUAL * contrast)
 
 
-def _evidence(
-    seen: LinePlaces,
-    stripes: Stripes,
-    pictures: Sequence[tuple[int, int | None]],
-    patterns: Sequence[str],
-    *,
-    gone: float,
-) -> tuple[Evidence, BoolArray]:
-    """Evidence about the order, and (U,) pictures that are too blurred to give any.
-
-    Finest stripes of which less than `gone` is left give none.
-    """
+def _slots(patterns: Sequence[str]) -> Slots:
     parts = [name.split("-") for name in patterns]
-    slots = Slots(tuple(part[1] for part in parts), tuple(int(part[2]) for part in parts))
+    return Slots(tuple(part[1] for part in parts), tuple(int(part[2]) for part in parts))
+
+
+def _alike(seen: LinePlaces, pictures: Sequence[tuple[int, int | None]]) -> BoolArray:
+    """(U,) pictures whose inverse does not change in the opposite direction: blurred ones where stripes are faint."""
     together = fine_correlation(seen)
-    alike = [b is not None and together[a, b] > _BLURRED_PAIR for a, b in pictures]
-    blurred = (np.array(alike) | (slots.finest & (stripes.amplitude < gone))) & (stripes.amplitude < BLURRED)
+    return np.array([b is not None and bool(together[a, b] > _BLURRED_PAIR) for a, b in pictures])
+
+
+@dataclass(frozen=True, slots=True)
+class _Judged:
+    """What pictures say of their order."""
+
+    evidence: Evidence
+    readings: tuple[PictureOrder, ...]
+    blurred: BoolArray
+    """(U,) pictures that are too blurred to give evidence."""
+    undersampled: BoolArray
+    """(U,) pictures that were left out since the camera's pixels are too large for them."""
+
+
+def _judged(stripes: Stripes, slots: Slots, alike: BoolArray, *, gone: float) -> _Judged:
+    """Seek orders by all pictures, then by those alone whose stripes the camera's pixels resolve.
+
+    Finest stripes of which less than `gone` is left give no evidence.
+    """
+    start = as_named(slots)
+    for least, undersampled in ((gone, np.zeros_like(alike)), (max(gone, _MOIRE), stripes.undersampled)):
+        blurred = (alike | (slots.finest & (stripes.amplitude < least))) & (stripes.amplitude < BLURRED)
+        evidence = _evidence(stripes, slots, blurred | undersampled)
+        readings = consistent_readings(evidence, start)
+        if readings:
+            break
+    return _Judged(evidence, readings, blurred, undersampled)
+
+
+def _evidence(stripes: Stripes, slots: Slots, silent: BoolArray) -> Evidence:
+    """Evidence about the order, without that of some pictures."""
     at_edges = stripes.at_edges.copy()
-    at_edges[blurred] = np.nan
-    at_edges[:, blurred] = np.nan
+    at_edges[silent] = np.nan
+    at_edges[:, silent] = np.nan
     lit = (stripes.middle > 0).mean(axis=1)
     few = np.minimum(lit, 1 - lit) < _RARELY
     at_edges[np.ix_(few, stripes.amplitude < BLURRED)] = np.nan
-    return evidence_of(replace(stripes, at_edges=at_edges), slots), blurred
+    return evidence_of(replace(stripes, at_edges=at_edges), slots)
 
 
 def _matched(
@@ -284,8 +306,8 @@ def _likeliest(found: Sequence[Movement]) -> Movement:
     return max(between, key=lambda m: m.step_px) if between else found[-1]
 
 
-def _unexplained(evidence: Evidence, start: PictureOrder, names: Sequence[str]) -> str:
-    against = evidence.contradictions(start)
+def _unexplained(evidence: Evidence, names: Sequence[str]) -> str:
+    against = evidence.contradictions(as_named(evidence.slots))
     count = against.sum(axis=0) + against.sum(axis=1)
     worst = [names[k] for k in np.argsort(-count)[:2] if count[k]]
     pairs = int(against.sum())

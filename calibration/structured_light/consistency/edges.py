@@ -11,7 +11,7 @@ from functools import cached_property
 
 import numpy as np
 
-from calibration.arrays import Float32Array, FloatArray, Frame
+from calibration.arrays import BoolArray, Float32Array, FloatArray, Frame
 
 _LINES = 150
 """Rows, and columns, that are looked at: some twenty edges of the widest stripe in view."""
@@ -34,6 +34,9 @@ that pass for edges lie anywhere. In a drawn set (seed 801, `benchmarks/photogra
 _MOST = 1.5
 """Mean sizes of a picture's stripes; a wave's crest has 1.57. Where surfaces end, a picture of which blur leaves a
 tenth shows many times that, and few such places would outvote its edges (drawn set 906)."""
+_MOIRE = 1.25
+"""Turns over one camera pixel to turns over two: 0.5 of stripes that are resolved, 1 of noise, (2 / P) / (2 − 4 / P) of
+periods P of two to four pixels, which is 1.25 at 2.9."""
 BLURRED = 0.5
 """Of white minus mean: stripes of less contrast are compared by their changes."""
 
@@ -68,6 +71,9 @@ class Stripes:
     sigma: FloatArray
     """(U, U) standard deviation of that for pictures b that are blurred, a part of it for those whose sides are
     clear."""
+    undersampled: BoolArray
+    """(U,) whether the stripes turn more often over one camera pixel than over two: there are fewer than 2.9 pixels to
+    a bright and a dark one together, and what they show within a pixel of an edge averages out or turns round."""
 
 
 def places_on_lines(frames: Sequence[Frame], limit: float) -> LinePlaces:
@@ -163,7 +169,14 @@ def stripes_of(places: LinePlaces, pairs: Sequence[tuple[int, int | None]]) -> S
     mean, square = (edges @ values.T / weight for values in (usual, usual**2))
     sigma = np.sqrt(np.maximum(square - mean**2, 0) * _TOGETHER / np.maximum(count, 1)[:, None])
     mean[count < _LEAST_EDGES] = np.nan
-    return Stripes(middle, amplitude, mean / amplitude, np.where(fine.T, 1, _CLEAR) * sigma / amplitude)
+    turns = ((left > 0) != (middle > 0)).mean(axis=1)
+    return Stripes(
+        middle=middle,
+        amplitude=amplitude,
+        at_edges=mean / amplitude,
+        sigma=np.where(fine.T, 1, _CLEAR) * sigma / amplitude,
+        undersampled=turns > _MOIRE * flips.mean(axis=1),
+    )
 
 
 def _differences(z: Float32Array, pairs: Sequence[tuple[int, int | None]]) -> Float32Array:
