@@ -6,7 +6,6 @@ import pytest
 
 from calibration.structured_light.consistency.check import check_gray_frames
 from calibration.structured_light.gray import gray_code_patterns
-from calibration.structured_light.patterns import flat
 
 SHAPE = (192, 256)
 CAMERA = (96, 128)
