@@ -138,7 +138,9 @@ def _evened(frame: Frame, gain: float) -> Frame:
 
 def _nothing_to_tell(names: Sequence[str]) -> PhotographOrder:
     """For photographs in which nothing is lit: what follows will say so."""
-    return PhotographOrder(True, ({name: name for name in names},), {}, (), ())
+    return PhotographOrder(
+        as_named=True, readings=({name: name for name in names},), gains={}, unresolved=(), undersampled=()
+    )
 
 
 def _gains(places: LinePlaces, pairs: Sequence[tuple[int, int]]) -> FloatArray:
