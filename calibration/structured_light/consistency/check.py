@@ -59,7 +59,7 @@ _EQUAL = 0.05
 """Of the contrast: noise and a good JPEG leave copies nearer to each other; half of an exposure is a quarter of it."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class PhotographOrder:
     """What the photographs of a Gray code are, as far as they show it."""
 

@@ -58,7 +58,7 @@ class LinePlaces:
         return np.asarray(self.middle.max(axis=0) + self.middle.min(axis=0))
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Stripes:
     """Pictures of stripes, each read from a photograph and its complement or from one photograph alone."""
 
