@@ -2,9 +2,10 @@
 
     .venv/bin/python benchmarks/damaged_meshes.py 100
 
-Arguments: how many, and the first seed (0). The generator is that of the tests. Seconds are processor time.
+The generator is that of the tests. Seconds are processor time.
 """
 
+import argparse
 import resource
 import sys
 import time
@@ -39,5 +40,14 @@ def main(count: int, first: int) -> int:
     return 1 if outcomes["fault"] else 0
 
 
+def parsed() -> argparse.Namespace:
+    """Read the command line."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("count", type=int, help="how many")
+    parser.add_argument("first", type=int, nargs="?", default=0, help="seed of the first: 0")
+    return parser.parse_args()
+
+
 if __name__ == "__main__":
-    sys.exit(main(int(sys.argv[1]), int(sys.argv[2]) if len(sys.argv) > 2 else 0))
+    given = parsed()
+    sys.exit(main(given.count, given.first))

@@ -9,6 +9,7 @@ time from asking for a frame to having it, with a software trigger and without.
 
 from __future__ import annotations
 
+import argparse
 import resource
 import subprocess
 import sys
@@ -114,5 +115,12 @@ def main(seconds: float) -> None:
         server.communicate("quit\n")
 
 
+def parsed() -> argparse.Namespace:
+    """Read the command line."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("seconds", type=float, nargs="?", default=5.0, help="of streaming: 5")
+    return parser.parse_args()
+
+
 if __name__ == "__main__":
-    serve() if sys.argv[1:] == ["serve"] else main(float(sys.argv[1]) if len(sys.argv) > 1 else 5.0)
+    serve() if sys.argv[1:] == ["serve"] else main(parsed().seconds)

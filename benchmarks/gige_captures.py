@@ -11,8 +11,8 @@ and the camera forgets who controls it. A capture may be refused; what may not b
 
 from __future__ import annotations
 
+import argparse
 import os
-import sys
 import threading
 from collections import Counter
 from dataclasses import dataclass, field
@@ -183,6 +183,15 @@ def main(captures: int, seed: int, every: int) -> None:
             print(f"transport: {'; '.join(lacking) or 'nothing'}")
 
 
+def parsed() -> argparse.Namespace:
+    """Read the command line."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("captures", type=int, nargs="?", default=10_000, help="how many: 10000")
+    parser.add_argument("seed", type=int, nargs="?", default=1, help="of the faults: 1")
+    parser.add_argument("between", type=int, nargs="?", default=250, help="captures between two faults: 250")
+    return parser.parse_args()
+
+
 if __name__ == "__main__":
-    given = [int(one) for one in sys.argv[1:]]
-    main(*(given + [10_000, 1, 250][len(given) :]))
+    given = parsed()
+    main(given.captures, given.seed, given.between)

@@ -10,7 +10,7 @@ cent of their mean; how far the mean is from that of steady light; and the time 
 
 from __future__ import annotations
 
-import sys
+import argparse
 from statistics import median
 
 import numpy as np
@@ -91,5 +91,12 @@ def main(count: int) -> None:
                 print(row(trigger, periods, count), flush=True)
 
 
+def parsed() -> argparse.Namespace:
+    """Read the command line."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("frames", type=int, nargs="?", default=40, help="of each kind: 40")
+    return parser.parse_args()
+
+
 if __name__ == "__main__":
-    main(int(sys.argv[1]) if len(sys.argv) > 1 else 40)
+    main(parsed().frames)

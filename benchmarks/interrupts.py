@@ -2,11 +2,12 @@
 
     .venv/bin/python benchmarks/interrupts.py 5 0.5
 
-Arguments: times for each job, and seconds of processor time that none may take. Each process first says that it is at
+Each process first says that it is at
 work; what is measured goes from the signal to the end of the process, the end of the interpreter included. Seconds of
 the wall are shown beside them: on a busy machine they are many times as long.
 """
 
+import argparse
 import random
 import resource
 import signal
@@ -156,5 +157,15 @@ def main(times: int, most_s: float, names: list[str]) -> int:
     return 0 if slowest <= most_s else 1
 
 
+def parsed() -> argparse.Namespace:
+    """Read the command line."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("times", type=int, help="of each job")
+    parser.add_argument("most_s", type=float, help="of processor time that none may take")
+    parser.add_argument("jobs", nargs="*", help=f"of {', '.join(JOBS)}: all")
+    return parser.parse_args()
+
+
 if __name__ == "__main__":
-    sys.exit(main(int(sys.argv[1]), float(sys.argv[2]), sys.argv[3:]))
+    given = parsed()
+    sys.exit(main(given.times, given.most_s, given.jobs))

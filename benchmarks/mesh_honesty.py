@@ -2,13 +2,15 @@
 
     .venv/bin/python benchmarks/mesh_honesty.py 30 3 500 3000
     .venv/bin/python benchmarks/mesh_honesty.py 30 3 500 3000 16 26    # of the thirty only these
+    .venv/bin/python benchmarks/mesh_honesty.py 30 3 500 3000 --seed 9000    # other corners
 
-Arguments: scenes, tolerance [% of white], fewest and most facets, and which scenes. Seconds are processor time of plan
-and of solution.
+Seconds are processor time of plan and of solution.
 """
 
+import argparse
 import sys
 import time
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -18,14 +20,14 @@ from sim.planning.simulation import simulate
 from sim.scenes.cluttered import random_corner
 
 
-def main(scenes: int, tolerance: float, fewest: int, most: int, *only: int) -> int:
+def main(scenes: int, tolerance: float, facet_range: tuple[int, int], only: Sequence[int], seed: int) -> int:
     print("| scene | facets | patches | error estimated | actual | plan s | solution s |")
     print("|---|---|---|---|---|---|---|")
     kept = 0
-    for seed, facets in enumerate(np.geomspace(fewest, most, scenes).astype(int)):
-        if only and seed not in only:
+    for number, facets in enumerate(np.geomspace(*facet_range, scenes).astype(int)):
+        if only and number not in only:
             continue
-        scene = random_corner(seed, int(facets))
+        scene = random_corner(seed + number, int(facets))
         started = time.process_time()
         made = plan(scene, tolerance, "uniform")
         planned = time.process_time()
@@ -43,5 +45,18 @@ def main(scenes: int, tolerance: float, fewest: int, most: int, *only: int) -> i
     return 0 if kept == asked else 1
 
 
+def parsed() -> argparse.Namespace:
+    """Read the command line."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("scenes", type=int, help="how many corners")
+    parser.add_argument("tolerance", type=float, help="[%% of white]")
+    parser.add_argument("fewest", type=int, help="facets")
+    parser.add_argument("most", type=int, help="facets")
+    parser.add_argument("only", type=int, nargs="*", help="numbers of scenes: all")
+    parser.add_argument("--seed", type=int, default=0, help="of the first corner: 0")
+    return parser.parse_args()
+
+
 if __name__ == "__main__":
-    sys.exit(main(int(sys.argv[1]), float(sys.argv[2]), *map(int, sys.argv[3:])))
+    given = parsed()
+    sys.exit(main(given.scenes, given.tolerance, (given.fewest, given.most), given.only, given.seed))

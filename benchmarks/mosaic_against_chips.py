@@ -12,6 +12,7 @@ and lengths, and of lenses.
 
 from __future__ import annotations
 
+import argparse
 import re
 import sys
 import tempfile
@@ -102,6 +103,14 @@ def main(seeds: int, by: int) -> None:
         print(f"{error:6.3f}   {each}")
 
 
+def parsed() -> argparse.Namespace:
+    """Read the command line."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("seeds", type=int, nargs="?", default=4, help="how many: 4")
+    parser.add_argument("shrink", type=int, nargs="?", default=2, help="so many times fewer pixels along each axis: 2")
+    return parser.parse_args()
+
+
 if __name__ == "__main__":
-    given = [int(one) for one in sys.argv[1:]]
-    main(*(given + [4, 2][len(given) :]))
+    given = parsed()
+    main(given.seeds, given.shrink)

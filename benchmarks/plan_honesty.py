@@ -8,7 +8,8 @@ error <= tolerance; "fine" a scene that is better than that with its fewest patc
 
 from __future__ import annotations
 
-import sys
+import argparse
+from collections.abc import Sequence
 
 from rig.offline.simulate import SimulationRequest, run_simulate
 from rig.terminal import silent
@@ -35,13 +36,21 @@ def row(scene: str, tolerance: float) -> str:
     )
 
 
-def main() -> None:
-    tolerances = [float(word) for word in sys.argv[1:]] or [5.0, 2.0, 1.0, 0.5]
+def main(tolerances: Sequence[float]) -> None:
     print(COLUMNS)
     for scene in SURFACES:
         for tolerance in tolerances:
             print(row(scene, tolerance), flush=True)
 
 
+def parsed() -> argparse.Namespace:
+    """Read the command line."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument(
+        "tolerances", type=float, nargs="*", default=[5.0, 2.0, 1.0, 0.5], help="[%% of white]: 5 2 1 0.5"
+    )
+    return parser.parse_args()
+
+
 if __name__ == "__main__":
-    main()
+    main(parsed().tolerances)

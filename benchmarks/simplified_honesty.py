@@ -2,10 +2,11 @@
 
     .venv/bin/python benchmarks/simplified_honesty.py 6 3 30000
 
-Arguments: scenes, tolerance [% of white], facets of each. The reference has form factors by rays on all facets, to a
+The reference has form factors by rays on all facets, to a
 fifth of the tolerance, with rays of its own. Meshes are simplified here whatever their number of facets.
 """
 
+import argparse
 import sys
 import time
 
@@ -53,12 +54,12 @@ def reference_mesh(original: Facets):
     return mended("reference", original, sides="file").mesh
 
 
-def main(scenes: int, tolerance: float, facets: int) -> int:
+def main(scenes: int, tolerance: float, facets: int, first: int) -> int:
     under_test.PLANNED_AS_THEY_ARE = under_test.COARSEST = facets // 16
     print("| scene | facets | simplified to | patches | error estimated | actual | s |")
     print("|---|---|---|---|---|---|---|")
     kept = 0
-    for seed in range(scenes):
+    for seed in range(first, first + scenes):
         scene = corner_with_ball(facets) if seed == 0 else random_corner(seed, facets)
         corners = triangles_of(scene.vertices)
         soup = facets_of(corners.reshape(-1, 3), np.arange(3 * len(corners)).reshape(-1, 3), np.array(0.6))
@@ -82,5 +83,16 @@ def main(scenes: int, tolerance: float, facets: int) -> int:
     return 0 if kept == scenes else 1
 
 
+def parsed() -> argparse.Namespace:
+    """Read the command line."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("scenes", type=int, help="how many")
+    parser.add_argument("tolerance", type=float, help="[%% of white]")
+    parser.add_argument("facets", type=int, help="of each")
+    parser.add_argument("--seed", type=int, default=0, help="of the first: 0, the corner with a ball")
+    return parser.parse_args()
+
+
 if __name__ == "__main__":
-    sys.exit(main(int(sys.argv[1]), float(sys.argv[2]), int(sys.argv[3])))
+    given = parsed()
+    sys.exit(main(given.scenes, given.tolerance, given.facets, given.seed))

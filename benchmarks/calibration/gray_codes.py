@@ -9,7 +9,7 @@ simulated world's geometry says.
 
 from __future__ import annotations
 
-import sys
+import argparse
 from dataclasses import dataclass
 
 import numpy as np
@@ -116,5 +116,12 @@ def main(profile: str = "sim-room") -> None:
             )
 
 
+def parsed() -> argparse.Namespace:
+    """Read the command line."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("profile", nargs="?", default="sim-room", help="a profile's name or file: sim-room")
+    return parser.parse_args()
+
+
 if __name__ == "__main__":
-    main(*sys.argv[1:2])
+    main(parsed().profile)
