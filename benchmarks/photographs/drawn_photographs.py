@@ -100,7 +100,7 @@ def off_share(set_: DrawnSet, points_m: FloatArray, sigma: float) -> float:
 def judged(seed: int, keep: Path | None) -> tuple[str, str]:
     """(how it ended, in words) of one set."""
     set_ = drawn(seed)
-    how, said = tried(seed, keep, lambda folder: _scanned(set_, folder))
+    how, said = tried(seed, keep, lambda folder: scanned(set_, folder))
     lone = len({name.split("-")[1] for name in set_.frames if name.startswith("gray-")}) < 2
     if how == "wrong":
         how = "wrong as nothing can tell" if lone and set_.fault in NUMBERS else "WRONG IN SILENCE"
@@ -109,7 +109,7 @@ def judged(seed: int, keep: Path | None) -> tuple[str, str]:
     return how, f"{seed}: {set_.fault}: {said} [{set_.drawn}]"
 
 
-def _scanned(set_: DrawnSet, folder: Path) -> tuple[str, str]:
+def scanned(set_: DrawnSet, folder: Path) -> tuple[str, str]:
     found = run_scan(write(set_, folder), folder / "cloud.ply")
     off = off_share(set_, _points(folder / "cloud.ply"), found.distance_sigma_percent / 100)
     how = "wrong" if off > OFF else "right"

@@ -10,6 +10,7 @@ from calibration.errors import CalibrationError
 from calibration.lenses.detection import Detection
 from calibration.structured_light.consistency.check import check_gray_frames
 from calibration.structured_light.consistency.still import movements
+from calibration.structured_light.consistency.unsteady import with_sign
 from rig.devices.replay.photographs import Photograph
 from rig.terminal.line import first_of
 
@@ -36,16 +37,16 @@ def fault_of_photographs(pictures: Mapping[str, Photograph], found: Detection, *
         That the projector showed.
     """
     coded = {name: picture for name, picture in pictures.items() if name.startswith("gray-")}
-    order = _other_order(coded, limit_dn) if code == "gray" else ""
+    order = _other_order(coded, pictures, limit_dn) if code == "gray" else ""
     return order or _moved(pictures) or _changed_light(pictures, found)
 
 
-def _other_order(coded: Mapping[str, Photograph], limit_dn: float) -> str:
+def _other_order(coded: Mapping[str, Photograph], pictures: Mapping[str, Photograph], limit_dn: float) -> str:
     """Which photographs are not what they are called."""
     try:
         checked = check_gray_frames(coded, 2 * limit_dn)
     except CalibrationError as error:
-        return str(error)
+        return with_sign(pictures, str(error))
     if checked.as_named:
         return ""
     changed = [f"{name} shows {pattern}" for pattern, name in checked.readings[0].items() if name != pattern]

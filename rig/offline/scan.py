@@ -15,6 +15,7 @@ from calibration.errors import CalibrationError
 from calibration.geometry.known.pair import HeldPair, hold_pair
 from calibration.geometry.pinhole import PinholeModel
 from calibration.geometry.triangulation import parallax_px, stands_alone
+from calibration.structured_light.consistency.unsteady import with_sign
 from calibration.structured_light.correspondence import Correspondence, PixelReason
 from rig.devices.replay.photographs import Manifest, Photograph, load_manifest, load_photographs, read_photograph
 from rig.errors import CalibrationFailed, ProfileError
@@ -181,9 +182,11 @@ def scan_photographs(
             else points_by_camera_pixel(manifest, correspondence, devices)
         )
     except CalibrationError as error:
-        causes = ", ".join((*exposure_causes(manifest, frames), with_files(manifest, str(error))))
-        raise CalibrationFailed(f"{manifest.path}: {causes}") from error
-    epipolar_median_px = _agreement_px(manifest.path, found.epipolar_px, epipolar_limit_px)
+        raise CalibrationFailed(_refusal(manifest, frames, str(error))) from error
+    try:
+        epipolar_median_px = _agreement_px(found.epipolar_px, epipolar_limit_px)
+    except CalibrationError as error:
+        raise CalibrationFailed(_refusal(manifest, frames, str(error))) from error
     kept = _kept(found, epipolar_limit_px)
     _refuse_nothing(manifest.path, correspondence, kept, limit_dn)
     sigma_share = _sigma_share(found, kept, devices, epipolar_median_px)
@@ -232,14 +235,20 @@ def _held(manifest: Manifest, correspondence: Correspondence) -> HeldPair | None
     return hold_pair(manifest.known, pairs.camera_xy_px, projector_xy_px)
 
 
-def _agreement_px(path: Path, epipolar_px: FloatArray, limit_px: float) -> float | None:
+def _refusal(manifest: Manifest, frames: Mapping[str, Photograph], fault: str) -> str:
+    """A fault, and before it what the photographs show that may be its cause."""
+    told = with_files(manifest, ", ".join((*exposure_causes(manifest, frames), with_sign(frames, fault))))
+    return f"{manifest.path}: {told}"
+
+
+def _agreement_px(epipolar_px: FloatArray, limit_px: float) -> float | None:
     """Median epipolar distance; None when nothing was seen, or columns or rows alone were."""
     if not np.isfinite(epipolar_px).any():
         return None
     median_px = float(np.nanmedian(epipolar_px))
     if median_px > limit_px:
-        raise CalibrationFailed(
-            f"{path}: projector pixels lie {median_px:.1f} px (median) from their epipolar lines, the limit "
+        raise CalibrationError(
+            f"projector pixels lie {median_px:.1f} px (median) from their epipolar lines, the limit "
             f"is {limit_px:g} px: check lenses, pose, [projector.crop] and first_code"
         )
     return median_px

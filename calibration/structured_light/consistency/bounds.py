@@ -53,6 +53,7 @@ def refuse_beyond_white(frames: Mapping[str, Frame]) -> None:
     raise CalibrationError(
         f"{', '.join(found[:_NAMED])}{more}: brighter than white or darker than black, which no stripes are, at places "
         f"as many as {100 * max(shares.values()):.0f} % of those that the projector lights (limit "
-        f"{100 * _MOST_BEYOND:g} %): camera or object was bumped, or white or black was exposed otherwise, "
-        "or is another picture; check these two, or photograph all again without touching either, automatics off"
+        f"{100 * _MOST_BEYOND:g} %): camera or object was bumped, or light or exposure changed in "
+        "between, or white or black is another picture; check these two, or photograph all again without touching "
+        "anything, in the same light, automatics off"
     )

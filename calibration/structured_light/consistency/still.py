@@ -120,6 +120,11 @@ class LaidOver(NamedTuple):
         return float(np.linalg.norm(self.right_down)) if found else 0.0
 
 
+def laid_over(a: Float32Array, b: Float32Array) -> LaidOver:
+    """Find the shift that lays one picture over another of the same size."""
+    return _shift(a, b, np.asarray(cv2.createHanningWindow(a.shape[::-1], cv2.CV_32F), dtype=np.float32))
+
+
 def _is_lasting(sums: Sequence[Float32Array], k: int, step: LaidOver, window: Float32Array) -> bool:
     """Whether the pair after, or the one before, has also moved, as far as there is one.
 

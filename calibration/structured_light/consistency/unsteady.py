@@ -1,0 +1,314 @@
+"""What photographs of a code show of light, exposure and timing that did not stay: the likely cause of a refusal.
+
+None of these is proof that a set cannot be read, and most sets with a little of them can. They are asked once something
+does not fit, so that the refusal says what a person would see in the photographs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import pairwise
+
+import cv2
+import numpy as np
+
+from calibration.arrays import BoolArray, Float32Array, FloatArray, Frame
+from calibration.structured_light.consistency.still import laid_over
+
+_INVERSE = "-inverse"
+_PLACES = 60_000
+_LEAST_PHOTOGRAPHS = 3
+_BRIGHT = 0.3
+"""Of the contrast of the brightest twentieth: more is lit."""
+_UNLIT, _AROUND = 0.15, 5
+"""Of what the liveliest twentieth changes by from photograph to photograph: less is not reached by the projector; and
+over so many pixels, of which some lie in stripes that stay."""
+_ENOUGH = 0.02
+"""Of the picture, that has to be unlit before it tells of light."""
+_BRIGHTER, _MOST_BRIGHTER = 0.05, 0.1
+"""Share of a level, above noise and JPEG, by which black may be brighter than white, and of the picture."""
+_DARKEST = 0.01
+"""Of the brightest value: darker places have no level to compare."""
+_WANDERS, _BY_STEP = 0.1, 0.7
+"""Of the level where the projector does not reach; and of that range, in one step."""
+_FEW_BITS = 3
+"""Coarsest pictures of an axis, of which any share may be lit."""
+_SHARP = 0.6
+"""Of the contrast, in which pairs differ whose sum neither blur nor a tone curve changes."""
+_GHOST, _WIDE_BITS = 0.06, 5
+"""Share of the picture before that a photograph shows as well, and coarsest pictures of an axis that are asked."""
+_OFF, _CLEAN, _TORN = 0.3, 0.05, 0.2
+"""Of the contrast, by which a pair does not add up to the others' sum; shares of lit places on both sides of a tear."""
+_LINES, _LEAST_SIDE = 24, 0.05
+"""Bands of lines among which a tear is sought, and share of the lit places that both its sides have."""
+_BANDS = (0.03, 0.15)
+"""Of the level: standard deviation of a photograph's brightness along its lines; less is a hand, more another picture.
+"""
+_MOSTLY = 2.0
+"""Times as much as across its lines."""
+_CREPT_PX = 0.7
+"""Between the first and the last photographs. Of still drawn sets none has moved by more than 0.2 px."""
+
+
+@dataclass(frozen=True, eq=False, slots=True, kw_only=True)
+class _Seen:
+    """Photographs at every so many-th pixel."""
+
+    frames: Mapping[str, Float32Array]
+    lit: BoolArray
+    unlit: BoolArray
+    contrast: Float32Array
+    most: float
+    """Brightest value of all."""
+    step_px: int
+
+    @property
+    def pairs(self) -> list[str]:
+        """Patterns that have an inverse."""
+        return [name for name in self.frames if f"{name}{_INVERSE}" in self.frames]
+
+    def total(self, name: str) -> Float32Array:
+        """A pattern and its inverse together."""
+        return self.frames[name] + self.frames[f"{name}{_INVERSE}"]
+
+    def sharpness(self, name: str) -> float:
+        """Share of the contrast in which a pattern and its inverse differ."""
+        apart = np.abs(self.frames[name] - self.frames[f"{name}{_INVERSE}"])
+        return float(apart[self.lit].sum() / self.contrast[self.lit].sum())
+
+
+def signs_of_unsteadiness(frames: Mapping[str, Frame]) -> tuple[str, ...]:
+    """Say what in photographs of a Gray code was not steady from one to the next.
+
+    Parameters
+    ----------
+    frames : mapping of pattern name to (H, W)
+        In the order in which they were taken, as far as known: `gray-AXIS-BIT`, with inverses or without, `white` and
+        `black` where there are. [dn]
+
+    Returns
+    -------
+    tuple of str
+        A phrase for each sign, the surest first; photographs are named by their patterns. Empty where nothing shows.
+    """
+    seen = _seen(frames)
+    if seen is None:
+        return ()
+    light = sorted((_banded(seen), _wandering(seen)), reverse=True)
+    signs = (_automatic(seen), _ghosts(seen), _torn(seen), *(sign for _, sign in light), _crept(seen))
+    return tuple(sign for sign in signs if sign)
+
+
+def with_sign(frames: Mapping[str, Frame], fault: str) -> str:
+    """Put the surest sign of unsteadiness, if there is one, before what does not fit."""
+    return "; by that or not, ".join((*signs_of_unsteadiness(frames)[:1], fault))
+
+
+def _seen(frames: Mapping[str, Frame]) -> _Seen | None:
+    if sum(name.startswith("gray-") for name in frames) < _LEAST_PHOTOGRAPHS:
+        return None
+    step = max(1, int(np.sqrt(next(iter(frames.values())).size / _PLACES)))
+    few = {name: frame[::step, ::step].astype(np.float32) for name, frame in frames.items()}
+    stack = np.stack(list(few.values()))
+    contrast = stack.max(axis=0) - stack.min(axis=0)
+    bright = float(np.quantile(contrast, 0.95))
+    lit = contrast > _BRIGHT * bright
+    coded = stack[[name.startswith("gray-") for name in few]]
+    # From one photograph to the next: light that comes on once, or fades, is no stripe.
+    change = cv2.blur(np.abs(np.diff(coded, axis=0)).mean(axis=0), (_AROUND, _AROUND))
+    unlit = (change < _UNLIT * np.quantile(change, 0.95)) & (np.median(stack, axis=0) > _DARKEST * stack.max())
+    if not (bright > 0 and lit.any()):
+        return None
+    return _Seen(frames=few, lit=lit, unlit=unlit, contrast=contrast, most=float(stack.max()), step_px=step)
+
+
+def _automatic(seen: _Seen) -> str:
+    """More light never makes a place darker."""
+    white, black = seen.frames.get("white"), seen.frames.get("black")
+    if white is None or black is None:
+        return ""
+    share = float((black > (1 + _BRIGHTER) * white + _DARKEST * white.max()).mean())
+    if share < _MOST_BRIGHTER:
+        return ""
+    return (
+        f"black is brighter than white at {100 * share:.0f} % of the picture: the exposure was automatic, or other "
+        "light came on; fix exposure and gain"
+    )
+
+
+def _torn(seen: _Seen) -> str:
+    """A pair that adds up to the others' sum above some line, and does not below it, or the other way round.
+
+    Of wide stripes a whole wrong picture does so, too.
+    """
+    names = seen.pairs
+    if len(names) < 3:
+        return ""
+    usual = np.median([seen.total(name) for name in names], axis=0)
+    for name in (name for name in names if _is_fine(name, seen.frames)):
+        off = np.abs(seen.total(name) - usual) > _OFF * seen.contrast
+        for which, turned in (("line", False), ("column", True)):
+            sides = _sides(*((off.T, seen.lit.T) if turned else (off, seen.lit)))
+            if sides is not None:
+                return (
+                    f"{name} and {name}{_INVERSE} add up to the light of all others on one side of a {which} "
+                    f"{100 * sides:.0f} % down the picture and not on the other: the projector changed while the "
+                    "camera read its lines; wait longer after each pattern"
+                )
+    return ""
+
+
+def _sides(off: BoolArray, lit: BoolArray) -> float | None:
+    """Where a picture is torn, as a share of its height; None where it is not."""
+    halves = np.array_split(np.arange(off.shape[1]), 2)
+    counts = np.array(
+        [[[_count(one[:, half], rows) for half in halves] for one in (off & lit, lit)] for rows in _bands(len(off))]
+    )
+    above = np.cumsum(counts, axis=0)
+    best, at = 0.0, None
+    for k in range(_LINES - 1):
+        sides = above[k], above[-1] - above[k]
+        if min(side[1].min() for side in sides) < _LEAST_SIDE * above[-1, 1].sum():
+            continue
+        calm, wild = sorted((side[0] / side[1] for side in sides), key=lambda share: float(share.sum()))
+        apart = float(wild.min() - calm.max())
+        if calm.max() < _CLEAN and wild.min() > _TORN and apart > best:
+            best, at = apart, (k + 1) / _LINES
+    return at
+
+
+def _bands(height: int) -> list[slice]:
+    ends = np.linspace(0, height, _LINES + 1).astype(int)
+    return [slice(first, max(end, first + 1)) for first, end in pairwise(ends)]
+
+
+def _count(some: BoolArray, rows: slice) -> int:
+    return int(some[rows].sum())
+
+
+def _ghosts(seen: _Seen) -> str:
+    """A photograph that was exposed while the projector changed shows the picture before as well."""
+    shares = [share for axis in ("column", "row") for share in _ghosts_of(seen, axis)]
+    share = abs(float(np.median(shares))) if len(shares) >= 3 else 0.0
+    if share < _GHOST:
+        return ""
+    return (
+        f"photographs also show the pattern before, by {100 * share:.0f} % of the contrast: the projector changed "
+        "while they were exposed; wait longer after each pattern"
+    )
+
+
+def _ghosts_of(seen: _Seen, axis: str) -> list[float]:
+    """How much brighter the dark stripes of each wide pattern are where the one before, or its inverse, is lit."""
+    names = sorted((n for n in seen.frames if n.startswith(f"gray-{axis}-") and not n.endswith(_INVERSE)), reverse=True)
+    low = np.minimum.reduce(list(seen.frames.values()))
+    share = {name: ((seen.frames[name] - low) / np.maximum(seen.contrast, 1e-6)) for name in names[: _WIDE_BITS + 1]}
+    found = []
+    for before, name in pairwise(names[: _WIDE_BITS + 1]):
+        here, there = share[name][seen.lit], share[before][seen.lit]
+        groups = [here[(here < 0.5) & side] for side in (there > 0.5, there < 0.5)]
+        if min(len(group) for group in groups) > _LEAST_SIDE * len(here):
+            found.append(float(np.median(groups[0]) - np.median(groups[1])))
+    return found
+
+
+def _wandering(seen: _Seen) -> tuple[float, str]:
+    """By how much, and in words: in steady light all pairs have one sum, and what is not lit stays as it is."""
+    names, levels = _levels(seen)
+    if len(names) < 3:
+        return 0.0, ""
+    size = float(levels.max() / levels.min() - 1)
+    if size < _WANDERS:
+        return 0.0, ""
+    steps = np.diff(levels)
+    k = int(np.abs(steps).argmax())
+    if abs(steps[k]) > _BY_STEP * (levels.max() - levels.min()):
+        brighter = "brighter" if steps[k] > 0 else "darker"
+        return size, (
+            f"photographs are {100 * size:.0f} % {brighter} from {names[k + 1]} on, stripes or not: other light, or "
+            "the exposure, changed"
+        )
+    return size, (
+        f"photographs differ in brightness by {100 * size:.0f} %, stripes or not, {names[int(levels.argmin())]} is "
+        f"darkest and {names[int(levels.argmax())]} brightest: the exposure was automatic, or lamp or daylight changed"
+    )
+
+
+def _levels(seen: _Seen) -> tuple[list[str], FloatArray]:
+    """Photographs that are equally bright in steady light, and the level of each over that of all."""
+    names, pictures = _equally_bright(seen)
+    if len(names) < 3:
+        return [], np.zeros(0)
+    told = np.median(pictures, axis=0) > 0
+    at = pictures[:, told]
+    return names, np.asarray(np.median(at / np.median(at, axis=0), axis=1), dtype=np.float64)
+
+
+def _equally_bright(seen: _Seen) -> tuple[list[str], Float32Array]:
+    """Sums of sharp pairs, and single photographs of fine stripes where the projector does not reach; else 0."""
+    sharp = [name for name in seen.pairs if seen.sharpness(name) > _SHARP]
+    if len(sharp) >= 3:
+        dark = np.median([seen.total(name) for name in sharp], axis=0) < _DARKEST * seen.most
+        return sharp, np.stack([np.where(dark, 0, seen.total(name)) for name in sharp])
+    fine = [name for name in seen.frames if _is_fine(name, seen.frames)]
+    if len(fine) < 3 or seen.unlit.mean() < _ENOUGH:
+        return [], np.zeros((0, *seen.lit.shape), np.float32)
+    return fine, np.stack([np.where(seen.unlit, seen.frames[name], 0) for name in fine])
+
+
+def _is_fine(name: str, frames: Mapping[str, Frame]) -> bool:
+    """Whether half of a picture's light is shown, whatever part of it is in view."""
+    if not name.startswith("gray-"):
+        return False
+    _, axis, bit = name.split("-")[:3]
+    coarsest = max(int(other.split("-")[2]) for other in frames if other.startswith(f"gray-{axis}-"))
+    return int(bit) <= coarsest - _FEW_BITS
+
+
+def _banded(seen: _Seen) -> tuple[float, str]:
+    """By how much, and in words: a rolling shutter writes a flicker into the lines of most photographs.
+
+    It does so along the lines only.
+    """
+    names, pictures = _equally_bright(seen)
+    if len(names) < 3:
+        return 0.0, ""
+    usual = np.median(pictures, axis=0)
+    along, across = (np.array([_profile(one, told) for one in some]) for some, told in _both_ways(pictures, usual))
+    if np.median(along) < np.median(across):
+        along, across = across, along
+    size = float(np.median(along))
+    if not (_BANDS[0] < size < _BANDS[1] and size > _MOSTLY * np.median(across)):
+        return 0.0, ""
+    return 2 * size, (
+        f"the brightness of photographs changes by {200 * size:.0f} % along their lines, of each otherwise: light that "
+        "flickers faster than the camera reads; expose for whole periods of the mains and of the projector"
+    )
+
+
+def _both_ways(pictures: Float32Array, usual: Float32Array) -> list[tuple[Float32Array, Float32Array]]:
+    return [(pictures, usual), (pictures.transpose(0, 2, 1), usual.T)]
+
+
+def _profile(picture: Float32Array, usual: Float32Array) -> float:
+    """Standard deviation of a picture's brightness along its lines, over that of all."""
+    told = usual > 0
+    ratios = [(picture[rows][told[rows]] / usual[rows][told[rows]]) for rows in _bands(len(usual))]
+    lines = [float(np.median(ratio)) for ratio in ratios if len(ratio) > _LINES]
+    return float(np.std(lines)) if len(lines) > 2 else 0.0
+
+
+def _crept(seen: _Seen) -> str:
+    """A camera that sinks moves by little from one photograph to the next."""
+    names = [name for name in seen.pairs if seen.sharpness(name) > _SHARP]
+    if len(names) < 4:
+        return ""
+    first, last = (sum(seen.total(name) for name in some) for some in (names[:2], names[-2:]))
+    laid = laid_over(np.asarray(first), np.asarray(last))
+    if laid.length < _CREPT_PX / seen.step_px:
+        return ""
+    return (
+        f"the picture moves by {laid.length * seen.step_px:.1f} px from {names[0]} to {names[-1]}, little by little: "
+        "camera or object sank or was pushed; fasten both"
+    )
