@@ -53,7 +53,21 @@ def refuse_beyond_white(frames: Mapping[str, Frame]) -> None:
     raise CalibrationError(
         f"{', '.join(found[:_NAMED])}{more}: brighter than white or darker than black, which no stripes are, at places "
         f"as many as {100 * max(shares.values()):.0f} % of those that the projector lights (limit "
-        f"{100 * _MOST_BEYOND:g} %): camera or object was bumped, or light or exposure changed in "
-        "between, or white or black is another picture; check these two, or photograph all again without touching "
-        "anything, in the same light, automatics off"
+        f"{100 * _MOST_BEYOND:g} %): {_SHARPENED if all(_is_finest(name, frames) for name in found) else _CHANGED}"
     )
+
+
+_CHANGED = (
+    "camera or object was bumped, or light or exposure changed in between, or white or black is another picture; check "
+    "these two, or photograph all again without touching anything, in the same light, automatics off"
+)
+_SHARPENED = (
+    "the camera sharpens edges, or camera or object was bumped before these; switch sharpening and contrast "
+    "enhancement off, or leave these stripes out (finest_bit)"
+)
+
+
+def _is_finest(name: str, frames: Mapping[str, Frame]) -> bool:
+    """Whether no picture of the same axis has finer stripes."""
+    axis, bit = name.split("-")[1:3]
+    return all(other.split("-")[2] >= bit for other in frames if other.startswith(f"gray-{axis}-"))

@@ -37,6 +37,9 @@ tenth shows many times that, and few such places would outvote its edges (drawn 
 _MOIRE = 1.25
 """Turns over one camera pixel to turns over two: 0.5 of stripes that are resolved, 1 of noise, (2 / P) / (2 − 4 / P) of
 periods P of two to four pixels, which is 1.25 at 2.9."""
+_WIDE, _LEAST_SHARED = 0.12, 30
+"""Share of the places at which stripes turn over two pixels: their edges are four pixels and more from those of other
+pictures. And edges that two pictures share by no chance."""
 BLURRED = 0.5
 """Of white minus mean: stripes of less contrast are compared by their changes."""
 
@@ -74,6 +77,9 @@ class Stripes:
     undersampled: BoolArray
     """(U,) whether the stripes turn more often over one camera pixel than over two: there are fewer than 2.9 pixels to
     a bright and a dark one together, and what they show within a pixel of an edge averages out or turns round."""
+    shared: FloatArray
+    """(U, U) share of the edges at which two pictures of wide stripes change, of all such pictures they alone: of the
+    picture that has more edges."""
 
 
 def places_on_lines(frames: Sequence[Frame], limit: float) -> LinePlaces:
@@ -176,7 +182,18 @@ def stripes_of(places: LinePlaces, pairs: Sequence[tuple[int, int | None]]) -> S
         at_edges=mean / amplitude,
         sigma=np.where(fine.T, 1, _CLEAR) * sigma / amplitude,
         undersampled=turns > _MOIRE * flips.mean(axis=1),
+        shared=_shared(flips, flips & clear),
     )
+
+
+def _shared(flips: BoolArray, edges: BoolArray) -> FloatArray:
+    """(U, U) share of edges that two pictures have for themselves."""
+    wide = flips.mean(axis=1) < _WIDE
+    alone = (edges & (flips[wide].sum(axis=0) == 2) & wide[:, None]).astype(np.float32)
+    both = np.asarray(alone @ alone.T, dtype=np.float64) * (1 - np.eye(len(flips)))
+    both[both < _LEAST_SHARED] = 0
+    count = flips.sum(axis=1)
+    return np.asarray(both / np.maximum(np.maximum(count[:, None], count), 1))
 
 
 def _differences(z: Float32Array, pairs: Sequence[tuple[int, int | None]]) -> Float32Array:

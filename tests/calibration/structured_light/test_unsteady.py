@@ -7,6 +7,8 @@ import cv2
 import numpy as np
 import pytest
 
+from calibration.errors import CalibrationError
+from calibration.structured_light.consistency.check import check_gray_frames
 from calibration.structured_light.consistency.unsteady import signs_of_unsteadiness
 from calibration.structured_light.gray import gray_code_patterns
 
@@ -119,6 +121,35 @@ def test_a_camera_that_sinks_is_told_by_how_far(steady: Frames) -> None:
     (sign,) = signs_of_unsteadiness(changed(steady, sunk))
     assert "the picture moves by 2." in sign
     assert "little by little" in sign
+
+
+@pytest.mark.parametrize("line", [80, 180, 240])
+@pytest.mark.parametrize("torn", ["gray-column-04", "gray-column-02", "gray-row-03"])
+def test_a_torn_photograph_without_inverses_is_refused_for_edges_it_shares(
+    steady: Frames, torn: str, line: int
+) -> None:
+    """Its lower part would give a strip of wrong points."""
+    frames = alone(steady)
+    following = list(frames)[list(frames).index(torn) + 1]
+    frames[torn] = np.vstack([frames[torn][:line], frames[following][line:]])
+    with pytest.raises(CalibrationError, match=r"have \d+ % of their edges in the same places") as refused:
+        check_gray_frames(frames, 200)
+    assert torn in str(refused.value)
+    assert following in str(refused.value)
+    assert "longer after the pattern was shown" in str(refused.value)
+
+
+def test_whole_photographs_share_no_edges(set_: Frames) -> None:
+    assert check_gray_frames(set_, 200).as_named
+
+
+def test_finest_stripes_beyond_white_alone_are_put_down_to_sharpening(steady: Frames) -> None:
+    frames = alone(steady)
+    for name in ("gray-column-00", "gray-row-00"):
+        picture = frames[name].astype(np.float32)
+        frames[name] = (3 * picture - 2 * cv2.GaussianBlur(picture, (0, 0), 5)).clip(0, FULL).astype(np.uint16)
+    with pytest.raises(CalibrationError, match=r"brighter than white .* the camera sharpens edges"):
+        check_gray_frames(frames, 200)
 
 
 def test_photographs_of_nothing_show_nothing() -> None:
