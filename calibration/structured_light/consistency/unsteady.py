@@ -106,7 +106,8 @@ def with_sign(frames: Mapping[str, Frame], fault: str) -> str:
 
 
 def _seen(frames: Mapping[str, Frame]) -> _Seen | None:
-    if sum(name.startswith("gray-") for name in frames) < _LEAST_PHOTOGRAPHS:
+    n_coded = sum(name.startswith("gray-") for name in frames)
+    if n_coded < _LEAST_PHOTOGRAPHS or len({frame.shape for frame in frames.values()}) > 1:
         return None
     step = max(1, int(np.sqrt(next(iter(frames.values())).size / _PLACES)))
     few = {name: frame[::step, ::step].astype(np.float32) for name, frame in frames.items()}
@@ -216,7 +217,7 @@ def _ghosts_of(seen: _Seen, axis: str) -> list[float]:
 def _wandering(seen: _Seen) -> tuple[float, str]:
     """By how much, and in words: in steady light all pairs have one sum, and what is not lit stays as it is."""
     names, levels = _levels(seen)
-    if len(names) < 3:
+    if len(names) < 3 or levels.min() < _DARKEST:
         return 0.0, ""
     size = float(levels.max() / levels.min() - 1)
     if size < _WANDERS:
@@ -224,9 +225,9 @@ def _wandering(seen: _Seen) -> tuple[float, str]:
     steps = np.diff(levels)
     k = int(np.abs(steps).argmax())
     if abs(steps[k]) > _BY_STEP * (levels.max() - levels.min()):
-        brighter = "brighter" if steps[k] > 0 else "darker"
+        brighter, by = ("brighter", size) if steps[k] > 0 else ("darker", size / (1 + size))
         return size, (
-            f"photographs are {100 * size:.0f} % {brighter} from {names[k + 1]} on, stripes or not: other light, or "
+            f"photographs are {100 * by:.0f} % {brighter} from {names[k + 1]} on, stripes or not: other light, or "
             "the exposure, changed"
         )
     return size, (
@@ -241,6 +242,8 @@ def _levels(seen: _Seen) -> tuple[list[str], FloatArray]:
     if len(names) < 3:
         return [], np.zeros(0)
     told = np.median(pictures, axis=0) > 0
+    if told.mean() < _ENOUGH:
+        return [], np.zeros(0)
     at = pictures[:, told]
     return names, np.asarray(np.median(at / np.median(at, axis=0), axis=1), dtype=np.float64)
 

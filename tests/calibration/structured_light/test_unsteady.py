@@ -152,6 +152,25 @@ def test_finest_stripes_beyond_white_alone_are_put_down_to_sharpening(steady: Fr
         check_gray_frames(frames, 200)
 
 
+@pytest.mark.parametrize(
+    "spoilt",
+    [
+        lambda frame: np.zeros_like(frame),
+        lambda frame: np.full_like(frame, FULL),
+        lambda frame: frame[:, ::-1],
+        lambda frame: frame[:200],
+    ],
+    ids=["black", "saturated", "mirrored", "cropped"],
+)
+@pytest.mark.parametrize("name", ["gray-column-05", "gray-row-00", "white", "every one"])
+def test_whatever_a_photograph_shows_it_can_be_asked(
+    set_: Frames, name: str, spoilt: Callable[[np.ndarray], np.ndarray]
+) -> None:
+    """A refusal asks this on its way out, of photographs in which anything may be."""
+    frames = {each: spoilt(frame) if name in (each, "every one") else frame for each, frame in set_.items()}
+    assert all(isinstance(sign, str) and "nan" not in sign for sign in signs_of_unsteadiness(frames))
+
+
 def test_photographs_of_nothing_show_nothing() -> None:
     nothing = {f"gray-row-0{k}": np.zeros((40, 60), np.uint8) for k in range(4)}
     assert signs_of_unsteadiness(nothing) == ()
