@@ -52,7 +52,7 @@ _CREPT_PX = 0.7
 
 
 @dataclass(frozen=True, eq=False, slots=True, kw_only=True)
-class _Seen:
+class _Thinned:
     """Photographs at every so many-th pixel."""
 
     frames: Mapping[str, Float32Array]
@@ -105,7 +105,7 @@ def with_sign(frames: Mapping[str, Frame], fault: str) -> str:
     return "; by that or not, ".join((*signs_of_unsteadiness(frames)[:1], fault))
 
 
-def _seen(frames: Mapping[str, Frame]) -> _Seen | None:
+def _seen(frames: Mapping[str, Frame]) -> _Thinned | None:
     n_coded = sum(name.startswith("gray-") for name in frames)
     if n_coded < _LEAST_PHOTOGRAPHS or len({frame.shape for frame in frames.values()}) > 1:
         return None
@@ -121,10 +121,10 @@ def _seen(frames: Mapping[str, Frame]) -> _Seen | None:
     unlit = (change < _UNLIT * np.quantile(change, 0.95)) & (np.median(stack, axis=0) > _DARKEST * stack.max())
     if not (bright > 0 and lit.any()):
         return None
-    return _Seen(frames=few, lit=lit, unlit=unlit, contrast=contrast, most=float(stack.max()), step_px=step)
+    return _Thinned(frames=few, lit=lit, unlit=unlit, contrast=contrast, most=float(stack.max()), step_px=step)
 
 
-def _automatic(seen: _Seen) -> str:
+def _automatic(seen: _Thinned) -> str:
     """More light never makes a place darker."""
     white, black = seen.frames.get("white"), seen.frames.get("black")
     if white is None or black is None:
@@ -138,7 +138,7 @@ def _automatic(seen: _Seen) -> str:
     )
 
 
-def _torn(seen: _Seen) -> str:
+def _torn(seen: _Thinned) -> str:
     """A pair that adds up to the others' sum above some line, and does not below it, or the other way round.
 
     Of wide stripes a whole wrong picture does so, too.
@@ -188,7 +188,7 @@ def _count(some: BoolArray, rows: slice) -> int:
     return int(some[rows].sum())
 
 
-def _ghosts(seen: _Seen) -> str:
+def _ghosts(seen: _Thinned) -> str:
     """A photograph that was exposed while the projector changed shows the picture before as well."""
     shares = [share for axis in ("column", "row") for share in _ghosts_of(seen, axis)]
     share = abs(float(np.median(shares))) if len(shares) >= 3 else 0.0
@@ -200,7 +200,7 @@ def _ghosts(seen: _Seen) -> str:
     )
 
 
-def _ghosts_of(seen: _Seen, axis: str) -> list[float]:
+def _ghosts_of(seen: _Thinned, axis: str) -> list[float]:
     """How much brighter the dark stripes of each wide pattern are where the one before, or its inverse, is lit."""
     names = sorted((n for n in seen.frames if n.startswith(f"gray-{axis}-") and not n.endswith(_INVERSE)), reverse=True)
     low = np.minimum.reduce(list(seen.frames.values()))
@@ -214,7 +214,7 @@ def _ghosts_of(seen: _Seen, axis: str) -> list[float]:
     return found
 
 
-def _wandering(seen: _Seen) -> tuple[float, str]:
+def _wandering(seen: _Thinned) -> tuple[float, str]:
     """By how much, and in words: in steady light all pairs have one sum, and what is not lit stays as it is."""
     names, levels = _levels(seen)
     if len(names) < 3 or levels.min() < _DARKEST:
@@ -236,7 +236,7 @@ def _wandering(seen: _Seen) -> tuple[float, str]:
     )
 
 
-def _levels(seen: _Seen) -> tuple[list[str], FloatArray]:
+def _levels(seen: _Thinned) -> tuple[list[str], FloatArray]:
     """Photographs that are equally bright in steady light, and the level of each over that of all."""
     names, pictures = _equally_bright(seen)
     if len(names) < 3:
@@ -248,7 +248,7 @@ def _levels(seen: _Seen) -> tuple[list[str], FloatArray]:
     return names, np.asarray(np.median(at / np.median(at, axis=0), axis=1), dtype=np.float64)
 
 
-def _equally_bright(seen: _Seen) -> tuple[list[str], Float32Array]:
+def _equally_bright(seen: _Thinned) -> tuple[list[str], Float32Array]:
     """Sums of sharp pairs, and single photographs of fine stripes where the projector does not reach; else 0."""
     sharp = [name for name in seen.pairs if seen.sharpness(name) > _SHARP]
     if len(sharp) >= 3:
@@ -269,7 +269,7 @@ def _is_fine(name: str, frames: Mapping[str, Frame]) -> bool:
     return int(bit) <= coarsest - _FEW_BITS
 
 
-def _banded(seen: _Seen) -> tuple[float, str]:
+def _banded(seen: _Thinned) -> tuple[float, str]:
     """By how much, and in words: a rolling shutter writes a flicker into the lines of most photographs.
 
     It does so along the lines only.
@@ -302,7 +302,7 @@ def _profile(picture: Float32Array, usual: Float32Array) -> float:
     return float(np.std(lines)) if len(lines) > 2 else 0.0
 
 
-def _crept(seen: _Seen) -> str:
+def _crept(seen: _Thinned) -> str:
     """A camera that sinks moves by little from one photograph to the next."""
     names = [name for name in seen.pairs if seen.sharpness(name) > _SHARP]
     if len(names) < 4:
