@@ -241,7 +241,8 @@ def _even(seen: _Thinned, sharp: list[str]) -> _EvenPictures | None:
     told = where & (usual > _DARKEST * seen.most)
     if told.mean() < _ENOUGH:
         return None
-    return _EvenPictures(names=names, ratio=np.stack(pictures) / np.where(told, usual, 1), told=told)
+    ratio = np.asarray(np.stack(pictures) / np.where(told, usual, 1), dtype=np.float32)
+    return _EvenPictures(names=names, ratio=ratio, told=told)
 
 
 def _wandering(even: _EvenPictures) -> tuple[float, str]:
