@@ -85,8 +85,8 @@ def signs_of_unsteadiness(frames: Mapping[str, Frame]) -> tuple[str, ...]:
     Parameters
     ----------
     frames : mapping of pattern name to (H, W)
-        In the order in which they were taken, as far as known: `gray-AXIS-BIT`, with inverses or without, `white` and
-        `black` where there are. [dn]
+        In the order in which they were taken, as far as known, but that inverses are taken to follow their patterns:
+        `gray-AXIS-BIT`, with inverses or without, `white` and `black` where there are. [dn]
 
     Returns
     -------
@@ -113,7 +113,7 @@ def _thinned(frames: Mapping[str, Frame]) -> _Thinned | None:
     if n_coded < _LEAST_PHOTOGRAPHS or len({frame.shape for frame in frames.values()}) > 1:
         return None
     step = max(1, int(np.sqrt(next(iter(frames.values())).size / _PLACES)))
-    few = {name: frame[::step, ::step].astype(np.float32) for name, frame in frames.items()}
+    few = {name: frames[name][::step, ::step].astype(np.float32) for name in _in_time(frames)}
     stack = np.stack(list(few.values()))
     contrast = stack.max(axis=0) - stack.min(axis=0)
     bright = float(np.quantile(contrast, 0.95))
@@ -125,6 +125,12 @@ def _thinned(frames: Mapping[str, Frame]) -> _Thinned | None:
     if not (bright > 0 and lit.any()):
         return None
     return _Thinned(frames=few, lit=lit, unlit=unlit, contrast=contrast, most=float(stack.max()), step_px=step)
+
+
+def _in_time(frames: Mapping[str, Frame]) -> list[str]:
+    """Names with each inverse after its pattern, as people show them, however they are listed."""
+    plain = [name for name in frames if not name.endswith(_INVERSE)]
+    return [name for each in plain for name in (each, f"{each}{_INVERSE}") if name in frames]
 
 
 def _automatic(seen: _Thinned) -> str:

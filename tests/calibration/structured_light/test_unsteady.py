@@ -75,6 +75,14 @@ def test_a_lamp_that_was_switched_on_is_placed(set_: Frames) -> None:
     assert any("brighter from gray-row-02 on" in sign for sign in signs_of_unsteadiness(lit))
 
 
+def test_lists_of_patterns_and_of_inverses_are_put_in_the_order_of_time(steady: Frames) -> None:
+    """As manifests name them."""
+    start = list(steady).index("gray-row-02")
+    lit = changed(steady, lambda k, picture: picture + 0.1 * FULL * (k >= start))
+    listed = dict(sorted(lit.items(), key=lambda item: item[0].endswith("-inverse")))
+    assert signs_of_unsteadiness(listed) == signs_of_unsteadiness(lit)
+
+
 def test_a_lamp_that_fades_is_told_with_its_darkest_and_brightest(set_: Frames) -> None:
     fading = changed(set_, lambda k, picture: picture * (1 - 0.3 * k / len(set_)))
     (sign,) = signs_of_unsteadiness(fading)
