@@ -206,8 +206,9 @@ def _mended_exposures(manifest: Manifest, gains: Mapping[str, float]) -> tuple[s
 def _left_open(others: int, checked: PhotographOrder) -> tuple[str, ...]:
     if not others:
         return ()
-    lacking = "of the finest stripes too few pixels" if checked.undersampled else "no edge of the widest stripes"
-    remedy = "move the camera nearer" if checked.undersampled else "photograph a larger part of the projected picture"
+    lacking, remedy = "no edge of the widest stripes", "photograph a larger part of the projected picture"
+    if checked.undersampled or checked.unresolved:
+        lacking, remedy = "finest stripes that it does not resolve", "focus, or move the camera nearer"
     return (
         f"{others} other {'order' if others == 1 else 'orders'} of the photographs would explain them as well, since "
         f"the view has {lacking}: the cloud rests on the names alone; {remedy}",
