@@ -34,7 +34,7 @@ that pass for edges lie anywhere. In a drawn set (seed 801, `benchmarks/photogra
 _MOST = 1.5
 """Mean sizes of a picture's stripes; a wave's crest has 1.57. Where surfaces end, a picture of which blur leaves a
 tenth shows many times that, and few such places would outvote its edges (drawn set 906)."""
-_MOIRE = 1.25
+_MOIRE_TURNS = 1.25
 """Turns over one camera pixel to turns over two: 0.5 of stripes that are resolved, 1 of noise, (2 / P) / (2 − 4 / P) of
 periods P of two to four pixels, which is 1.25 at 2.9."""
 _WIDE, _LEAST_SHARED = 0.12, 30
@@ -181,7 +181,7 @@ def stripes_of(places: LinePlaces, pairs: Sequence[tuple[int, int | None]]) -> S
         amplitude=amplitude,
         at_edges=mean / amplitude,
         sigma=np.where(fine.T, 1, _CLEAR) * sigma / amplitude,
-        undersampled=turns > _MOIRE * flips.mean(axis=1),
+        undersampled=turns > _MOIRE_TURNS * flips.mean(axis=1),
         shared=_shared(flips, flips & clear),
     )
 
