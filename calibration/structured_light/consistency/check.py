@@ -98,8 +98,9 @@ def check_gray_frames(frames: Mapping[str, Frame], limit: float) -> PhotographOr
     Raises
     ------
     CalibrationError
-        If a photograph repeats another, is the inverse of none, the camera moved, or no order explains the stripes;
-        or one without inverses is brighter than white; the message names the photographs by their patterns.
+        If a photograph repeats another, in whole or in part, or is the inverse of none; the camera moved, or no order
+        explains the stripes; or one without inverses is brighter than white. The message names the photographs by
+        their patterns.
     """
     names = [name for name in frames if name.startswith("gray-")]
     index = {name: k for k, name in enumerate(names)}
