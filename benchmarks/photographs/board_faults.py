@@ -8,6 +8,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 from board_scenes import BoardSet, Frame, clean_set, photograph, photographed, stand
+from set_runs import name_of
 
 from calibration.geometry.pinhole import rotation_of
 
@@ -276,5 +277,5 @@ def drawn(seed: int) -> BoardSet:
         return set_
     fault = FAULTS[int(random.integers(len(FAULTS)))]
     fault(set_, random)
-    set_.fault = fault.__name__.strip("_").replace("_", "-")
+    set_.fault = name_of(fault)
     return set_

@@ -8,6 +8,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 from drawn_scenes import DrawnSet, photographed
+from set_runs import name_of
 
 
 def coded_of(set_: DrawnSet) -> list[str]:
@@ -211,6 +212,6 @@ def drawn(seed: int) -> DrawnSet:
     set_ = photographed(random)
     if random.random() < 0.5:
         fault = FAULTS[int(random.integers(len(FAULTS)))]
-        set_.fault = fault.__name__.strip("_").replace("_", "-")
+        set_.fault = name_of(fault)
         fault(set_, random)
     return set_

@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 from drawn_scenes import DrawnSet, photographed
 from numpy.typing import NDArray
+from set_runs import name_of
 
 Picture = NDArray[np.float64]
 
@@ -193,6 +194,6 @@ def rough(seed: int) -> DrawnSet:
     random = np.random.default_rng([seed, 6089])
     set_ = photographed(random)
     change = ROUGHNESS[seed % len(ROUGHNESS)]
-    set_.fault = change.__name__.strip("_").replace("_", "-")
+    set_.fault = name_of(change)
     change(set_, random)
     return set_

@@ -19,7 +19,7 @@ from pathlib import Path
 
 from drawn_photographs import scanned
 from drawn_roughness import ROUGHNESS, rough
-from set_runs import tried, try_all
+from set_runs import name_of, tried, try_all
 
 
 def main() -> int:
@@ -36,7 +36,7 @@ def main() -> int:
 
     try_all(__doc__, judged)
     for change in ROUGHNESS:
-        name = change.__name__.strip("_").replace("_", "-")
+        name = name_of(change)
         print(f"{name:20}", *(f"{n} {how};" for (kind, how), n in sorted(ended.items()) if kind == name))
     return 0
 

@@ -47,6 +47,11 @@ def try_all(description: str | None, judged: Callable[[int, Path | None], tuple[
     return counts
 
 
+def name_of(change: Callable[..., None]) -> str:
+    """Return what is done to a set, by the name of the function that does it: `_lamp_fades` is `lamp-fades`."""
+    return change.__name__.strip("_").replace("_", "-")
+
+
 def is_odd(how: str) -> bool:
     """Whether no set may end so."""
     return how.upper() == how or "WITHOUT" in how

@@ -36,13 +36,13 @@ def fault_of_photographs(pictures: Mapping[str, Photograph], found: Detection, *
     code
         That the projector showed.
     """
-    coded = {name: picture for name, picture in pictures.items() if name.startswith("gray-")}
-    order = _other_order(coded, pictures, limit_dn) if code == "gray" else ""
+    order = _other_order(pictures, limit_dn) if code == "gray" else ""
     return order or _moved(pictures) or _changed_light(pictures, found)
 
 
-def _other_order(coded: Mapping[str, Photograph], pictures: Mapping[str, Photograph], limit_dn: float) -> str:
+def _other_order(pictures: Mapping[str, Photograph], limit_dn: float) -> str:
     """Which photographs are not what they are called."""
+    coded = {name: picture for name, picture in pictures.items() if name.startswith("gray-")}
     try:
         checked = check_gray_frames(coded, 2 * limit_dn)
     except CalibrationError as error:

@@ -181,9 +181,6 @@ def scan_photographs(
             if both
             else points_by_camera_pixel(manifest, correspondence, devices)
         )
-    except CalibrationError as error:
-        raise CalibrationFailed(_refusal(manifest, frames, str(error))) from error
-    try:
         epipolar_median_px = _agreement_px(found.epipolar_px, epipolar_limit_px)
     except CalibrationError as error:
         raise CalibrationFailed(_refusal(manifest, frames, str(error))) from error

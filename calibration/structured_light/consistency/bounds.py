@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from itertools import compress
 
 import numpy as np
 
 from calibration.arrays import Frame
 from calibration.errors import CalibrationError
+from calibration.structured_light.consistency.readings import Slots
 
 _BRIGHT = 0.3
 """Of the contrast of the brightest twentieth: darker places are not counted as lit."""
@@ -53,7 +55,7 @@ def refuse_beyond_white(frames: Mapping[str, Frame]) -> None:
     raise CalibrationError(
         f"{', '.join(found[:_NAMED])}{more}: brighter than white or darker than black, which no stripes are, at places "
         f"as many as {100 * max(shares.values()):.0f} % of those that the projector lights (limit "
-        f"{100 * _MOST_BEYOND:g} %): {_SHARPENED if all(_is_finest(name, frames) for name in found) else _CHANGED}"
+        f"{100 * _MOST_BEYOND:g} %): {_SHARPENED if _finest(frames).issuperset(found) else _CHANGED}"
     )
 
 
@@ -67,7 +69,7 @@ _SHARPENED = (
 )
 
 
-def _is_finest(name: str, frames: Mapping[str, Frame]) -> bool:
-    """Whether no picture of the same axis has finer stripes."""
-    axis, bit = name.split("-")[1:3]
-    return all(other.split("-")[2] >= bit for other in frames if other.startswith(f"gray-{axis}-"))
+def _finest(frames: Mapping[str, Frame]) -> set[str]:
+    """Names of the pictures than which no other of the same axis has finer stripes."""
+    coded = [name for name in frames if name.startswith("gray-")]
+    return set(compress(coded, Slots.of(coded).finest))

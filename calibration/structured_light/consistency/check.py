@@ -120,7 +120,7 @@ def check_gray_frames(frames: Mapping[str, Frame], limit: float) -> PhotographOr
     else:
         refuse_beyond_white({**frames, **dict(zip(names, shown, strict=True))})
     pictures: Sequence[tuple[int, int | None]] = pairs if complete else named
-    stripes, slots = stripes_of(seen, pictures), _slots(patterns)
+    stripes, slots = stripes_of(seen, pictures), Slots.of(patterns)
     _refuse_shared_edges(stripes, slots, [names[a] for a, _ in pictures])
     judged = _judged(stripes, slots, _alike(seen, pictures), gone=0.0 if complete else _GONE)
     readings = judged.readings
@@ -168,8 +168,7 @@ def _equal(values: Float32Array) -> BoolArray:
 
 def _refuse_shared_edges(stripes: Stripes, slots: Slots, names: Sequence[str]) -> None:
     """From one position to the next one bit changes: no two pictures of an axis have an edge in one place."""
-    axis = np.array(slots.axis)
-    shared = np.where(axis[:, None] == axis, stripes.shared, 0)
+    shared = np.where(slots.same_axis, stripes.shared, 0)
     a, b = (int(k) for k in np.unravel_index(shared.argmax(), shared.shape))
     if shared[a, b] > _MOST_SHARED:
         raise CalibrationError(
@@ -178,11 +177,6 @@ def _refuse_shared_edges(stripes: Stripes, slots: Slots, names: Sequence[str]) -
             "show a part of the same picture, since the projector changed while the camera read its lines; photograph "
             "both again, longer after the pattern was shown"
         )
-
-
-def _slots(patterns: Sequence[str]) -> Slots:
-    parts = [name.split("-") for name in patterns]
-    return Slots(tuple(part[1] for part in parts), tuple(int(part[2]) for part in parts))
 
 
 def _alike(seen: LinePlaces, pictures: Sequence[tuple[int, int | None]]) -> BoolArray:

@@ -175,20 +175,19 @@ def stripes_of(places: LinePlaces, pairs: Sequence[tuple[int, int | None]]) -> S
     mean, square = (edges @ values.T / weight for values in (usual, usual**2))
     sigma = np.sqrt(np.maximum(square - mean**2, 0) * _TOGETHER / np.maximum(count, 1)[:, None])
     mean[count < _LEAST_EDGES] = np.nan
-    turns = ((left > 0) != (middle > 0)).mean(axis=1)
+    turns, turns_over_two = ((left > 0) != (middle > 0)).mean(axis=1), flips.mean(axis=1)
     return Stripes(
         middle=middle,
         amplitude=amplitude,
         at_edges=mean / amplitude,
         sigma=np.where(fine.T, 1, _CLEAR) * sigma / amplitude,
-        undersampled=turns > _MOIRE_TURNS * flips.mean(axis=1),
-        shared=_shared(flips, flips & clear),
+        undersampled=turns > _MOIRE_TURNS * turns_over_two,
+        shared=_shared(flips, flips & clear, turns_over_two < _WIDE),
     )
 
 
-def _shared(flips: BoolArray, edges: BoolArray) -> FloatArray:
-    """(U, U) share of edges that two pictures have for themselves."""
-    wide = flips.mean(axis=1) < _WIDE
+def _shared(flips: BoolArray, edges: BoolArray, wide: BoolArray) -> FloatArray:
+    """(U, U) share of edges that two pictures of wide stripes have for themselves."""
     alone = (edges & (flips[wide].sum(axis=0) == 2) & wide[:, None]).astype(np.float32)
     both = np.asarray(alone @ alone.T, dtype=np.float64) * (1 - np.eye(len(flips)))
     both[both < _LEAST_SHARED] = 0

@@ -32,11 +32,23 @@ class Slots:
     axis: tuple[str, ...]
     bit: tuple[int, ...]
 
+    @classmethod
+    def of(cls, patterns: Sequence[str]) -> Slots:
+        """Read the places from the patterns' names, `gray-AXIS-BIT`."""
+        parts = [name.split("-") for name in patterns]
+        return cls(tuple(part[1] for part in parts), tuple(int(part[2]) for part in parts))
+
+    @property
+    def same_axis(self) -> BoolArray:
+        """(U, U) whether two pictures are of one axis."""
+        axis = np.array(self.axis)
+        return np.asarray(axis[:, None] == axis)
+
     @property
     def expected(self) -> FloatArray:
         """(U, U) what the second picture shows at the edges of the first: 1 lit, −1 dark, 0 either."""
-        axis, bit = np.array(self.axis), np.array(self.bit)
-        finer = (axis[:, None] == axis) & (bit[:, None] > bit)
+        bit = np.array(self.bit)
+        finer = self.same_axis & (bit[:, None] > bit)
         return np.where(finer, np.where(bit[:, None] == bit + 1, 1.0, -1.0), 0.0)
 
     @property

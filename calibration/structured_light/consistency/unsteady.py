@@ -6,14 +6,15 @@ does not fit, so that the refusal says what a person would see in the photograph
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import compress, pairwise
 
 import cv2
 import numpy as np
 
 from calibration.arrays import BoolArray, Float32Array, Frame
+from calibration.structured_light.consistency.readings import Slots
 from calibration.structured_light.consistency.still import laid_over
 
 _INVERSE = "-inverse"
@@ -59,6 +60,8 @@ class _Thinned:
     frames: Mapping[str, Float32Array]
     lit: BoolArray
     unlit: BoolArray
+    dark: Float32Array
+    """The least that any photograph shows."""
     contrast: Float32Array
     most: float
     """Brightest value of all."""
@@ -115,7 +118,8 @@ def _thinned(frames: Mapping[str, Frame]) -> _Thinned | None:
     step = max(1, int(np.sqrt(next(iter(frames.values())).size / _PLACES)))
     few = {name: frames[name][::step, ::step].astype(np.float32) for name in _in_time(frames)}
     stack = np.stack(list(few.values()))
-    contrast = stack.max(axis=0) - stack.min(axis=0)
+    dark = stack.min(axis=0)
+    contrast = stack.max(axis=0) - dark
     bright = float(np.quantile(contrast, 0.95))
     lit = contrast > _BRIGHT * bright
     coded = stack[[name.startswith("gray-") for name in few]]
@@ -124,7 +128,9 @@ def _thinned(frames: Mapping[str, Frame]) -> _Thinned | None:
     unlit = (change < _UNLIT * np.quantile(change, 0.95)) & (np.median(stack, axis=0) > _DARKEST * stack.max())
     if not (bright > 0 and lit.any()):
         return None
-    return _Thinned(frames=few, lit=lit, unlit=unlit, contrast=contrast, most=float(stack.max()), step_px=step)
+    return _Thinned(
+        frames=few, lit=lit, unlit=unlit, dark=dark, contrast=contrast, most=float(stack.max()), step_px=step
+    )
 
 
 def _in_time(frames: Mapping[str, Frame]) -> list[str]:
@@ -153,10 +159,10 @@ def _torn(seen: _Thinned) -> str:
     Of wide stripes a whole wrong picture does so, too.
     """
     names = seen.pairs
-    if len(names) < 3:
+    if len(names) < _LEAST_PHOTOGRAPHS:
         return ""
     usual = np.median([seen.total(name) for name in names], axis=0)
-    for name in (name for name in names if _is_fine(name, seen.frames)):
+    for name in _fine(names):
         off = np.abs(seen.total(name) - usual) > _OFF * seen.contrast
         for which, turned in (("line", False), ("column", True)):
             sides = _sides(*((off.T, seen.lit.T) if turned else (off, seen.lit)))
@@ -200,7 +206,7 @@ def _count(some: BoolArray, rows: slice) -> int:
 def _ghosts(seen: _Thinned) -> str:
     """A photograph that was exposed while the projector changed shows the picture before as well."""
     shares = [share for axis in ("column", "row") for share in _ghosts_of(seen, axis)]
-    share = abs(float(np.median(shares))) if len(shares) >= 3 else 0.0
+    share = abs(float(np.median(shares))) if len(shares) >= _LEAST_PHOTOGRAPHS else 0.0
     if share < _GHOST:
         return ""
     return (
@@ -212,11 +218,10 @@ def _ghosts(seen: _Thinned) -> str:
 def _ghosts_of(seen: _Thinned, axis: str) -> list[float]:
     """How much brighter the dark stripes of each wide pattern are where the one before, or its inverse, is lit."""
     names = sorted((n for n in seen.frames if n.startswith(f"gray-{axis}-") and not n.endswith(_INVERSE)), reverse=True)
-    low = np.minimum.reduce(list(seen.frames.values()))
-    share = {name: ((seen.frames[name] - low) / np.maximum(seen.contrast, 1e-6)) for name in names[: _WIDE_BITS + 1]}
+    dark, contrast = seen.dark[seen.lit], seen.contrast[seen.lit]
+    shares = [(seen.frames[name][seen.lit] - dark) / contrast for name in names[: _WIDE_BITS + 1]]
     found = []
-    for before, name in pairwise(names[: _WIDE_BITS + 1]):
-        here, there = share[name][seen.lit], share[before][seen.lit]
+    for there, here in pairwise(shares):
         groups = [here[(here < 0.5) & side] for side in (there > 0.5, there < 0.5)]
         if min(len(group) for group in groups) > _LEAST_SIDE * len(here):
             found.append(float(np.median(groups[0]) - np.median(groups[1])))
@@ -239,7 +244,7 @@ def _even(seen: _Thinned, sharp: list[str]) -> _EvenPictures | None:
     if len(sharp) >= _LEAST_PHOTOGRAPHS:
         names, pictures, where = sharp, [seen.total(name) for name in sharp], np.ones_like(seen.unlit)
     else:
-        names = [name for name in seen.frames if _is_fine(name, seen.frames)]
+        names = _fine(seen.frames)
         pictures, where = [seen.frames[name] for name in names], seen.unlit
     if len(names) < _LEAST_PHOTOGRAPHS:
         return None
@@ -273,13 +278,13 @@ def _wandering(even: _EvenPictures) -> tuple[float, str]:
     )
 
 
-def _is_fine(name: str, frames: Mapping[str, Frame]) -> bool:
-    """Whether half of a picture's light is shown, whatever part of it is in view."""
-    if not name.startswith("gray-"):
-        return False
-    _, axis, bit = name.split("-")[:3]
-    coarsest = max(int(other.split("-")[2]) for other in frames if other.startswith(f"gray-{axis}-"))
-    return int(bit) <= coarsest - _FEW_BITS
+def _fine(names: Iterable[str]) -> list[str]:
+    """Names of the pictures of which half the light is shown, whatever part of them is in view."""
+    coded = [name for name in names if name.startswith("gray-")]
+    slots = Slots.of(coded)
+    bit = np.array(slots.bit)
+    coarsest = np.where(slots.same_axis, bit, 0).max(axis=1)
+    return list(compress(coded, bit <= coarsest - _FEW_BITS))
 
 
 def _banded(even: _EvenPictures) -> tuple[float, str]:

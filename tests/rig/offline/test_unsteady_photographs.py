@@ -1,28 +1,13 @@
 """A scan of photographs between which something changed: right, or refused with what changed, never a wrong cloud."""
 
-import runpy
-from collections.abc import Callable, Iterator
-from pathlib import Path
+from collections.abc import Callable
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
-ROOT = Path(__file__).parents[3]
 Change = Callable[[int, list[np.ndarray]], np.ndarray]
-
-
-@pytest.fixture(scope="module")
-def bench() -> Iterator[SimpleNamespace]:
-    with pytest.MonkeyPatch.context() as patched:
-        patched.syspath_prepend(ROOT / "benchmarks" / "calibration")
-        yield SimpleNamespace(**runpy.run_path(str(ROOT / "benchmarks" / "calibration" / "wrong_photographs.py")))
-
-
-@pytest.fixture(scope="module")
-def relief(bench: SimpleNamespace) -> Any:
-    return bench.vertical_set()
 
 
 def changed(frames: dict[str, np.ndarray], change: Change) -> dict[str, np.ndarray]:

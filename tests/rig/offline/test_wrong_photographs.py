@@ -6,8 +6,7 @@ a published scan, this through a few.
 """
 
 import os
-import runpy
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -27,18 +26,6 @@ from rig.offline.scan import run_scan
 ROOT = Path(__file__).parents[3]
 SHARED = Path(os.environ.get("PROCAM_RIG_DATA", ROOT.parent / "shared" / "data")) / "graycode_scan_published_cloud"
 Change = Callable[[dict[str, Any]], dict[str, Any]]
-
-
-@pytest.fixture(scope="module")
-def bench() -> Iterator[SimpleNamespace]:
-    with pytest.MonkeyPatch.context() as patched:
-        patched.syspath_prepend(ROOT / "benchmarks" / "calibration")
-        yield SimpleNamespace(**runpy.run_path(str(ROOT / "benchmarks" / "calibration" / "wrong_photographs.py")))
-
-
-@pytest.fixture(scope="module")
-def relief(bench: SimpleNamespace) -> Any:
-    return bench.vertical_set()
 
 
 def exchanged(a: str, b: str) -> Change:
