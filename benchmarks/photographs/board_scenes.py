@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import cv2
@@ -19,7 +20,7 @@ FloatArray = NDArray[np.float64]
 Frame = NDArray[np.uint8]
 _FINE = 2
 """Samples of a camera pixel, each way."""
-_TEXTURE = 60
+_TEXTURE = 64
 """Pixels of a board's square."""
 
 
@@ -34,6 +35,22 @@ class Look:
     """Of white that the projector sends where it is black."""
     noise_dn: float
     blur_px: float
+
+
+def _flat(xy_m: FloatArray) -> FloatArray:
+    return np.zeros(len(xy_m))
+
+
+@dataclass(frozen=True, eq=False)
+class Made:
+    """How a board is made, and what stands behind it."""
+
+    height_m: Callable[[FloatArray], FloatArray] = _flat
+    """Of its surface over its plane, away from the camera, at (N, 2) places on it."""
+    stretch: tuple[float, float] = (1.0, 1.0)
+    """Of the printed squares, across and down."""
+    behind_m: float = 0.0
+    """How far off what lies beside the board is from it; 0: in its plane."""
 
 
 @dataclass(eq=False, kw_only=True)
@@ -104,7 +121,7 @@ def drawn_state(random: np.random.Generator, board: Board, sizes: tuple[tuple[in
         projector=projector,
         projector_rotation=turn,
         projector_translation_m=place,
-        flex_m=np.zeros(2),
+        flex_m=np.zeros(3),
         rotations=np.zeros((0, 3, 3)),
         translations_m=np.zeros((0, 3)),
     )
@@ -170,19 +187,33 @@ def printed(board: Board) -> tuple[Frame, tuple[float, float]]:
     return blank, (2.0 * _TEXTURE, 2.0 * _TEXTURE)
 
 
-def stand(state: RigState, view: int, board: Board, look: Look) -> Stand:
+def stand(state: RigState, view: int, board: Board, look: Look, made: Made = Made()) -> Stand:
     """Cast the camera's samples onto the board and on to the projector."""
     width, height = look.camera_size
     x, y = np.meshgrid(*((np.arange(n * _FINE) + 0.5) / _FINE - 0.5 for n in (width, height)))
     plane = _undistorted(state.camera, np.column_stack([x.ravel(), y.ravel()]))
     rays = np.column_stack([plane, np.ones(len(plane))])
-    turn, place = state.rotations[view], state.translations_m[view]
-    points = rays * ((turn[:, 2] @ place) / (rays @ turn[:, 2]))[:, None]
+    points, xy_m = _met(rays, state, view, made)
     texture, corner = printed(board)
-    texel = ((points - place) @ turn)[:, :2] * _TEXTURE / board.square_m + corner
+    texel = xy_m * _TEXTURE / board.square_m / np.array(made.stretch) + corner
     light = _remapped(0.25 + 0.6 * texture / 255.0, texel.reshape(*x.shape, 2), cv2.INTER_LINEAR, beside=0.4)
+    if made.behind_m:
+        beside = ((texel < 0) | (texel > np.array(texture.shape[::-1]) - 1)).any(axis=1)
+        points[beside] *= 1 + made.behind_m / points[beside, 2:]
     pixel = project_points(state.projector, projector_points(points, state))
     return Stand(light=light, pixel=pixel.astype(np.float32).reshape(*x.shape, 2))
+
+
+def _met(rays: FloatArray, state: RigState, view: int, made: Made) -> tuple[FloatArray, FloatArray]:
+    """Where rays meet the board: (N, 3) before the camera, and (N, 2) on the board. [m]"""
+    turn, place = state.rotations[view], state.translations_m[view]
+    height_m = np.zeros(len(rays))
+    # Boards are nearly flat: each step leaves the slope's share, some per cent, of what the one before left.
+    for _ in range(5):
+        points = rays * ((turn[:, 2] @ place + height_m) / (rays @ turn[:, 2]))[:, None]
+        xy_m = ((points - place) @ turn)[:, :2]
+        height_m = made.height_m(xy_m)
+    return points, xy_m
 
 
 def _remapped(picture: FloatArray, places: NDArray[np.floating], how: int, beside: float) -> NDArray[np.float32]:

@@ -68,7 +68,7 @@ def worst(set_: BoardSet, found: LensFile) -> tuple[float, str]:
 def judged(seed: int, keep: Path | None) -> tuple[str, str]:
     """(how it ended, in words) of one set."""
     set_ = drawn(seed)
-    how, said = tried(seed, keep, lambda folder: _calibrated(set_, folder))
+    how, said = tried(seed, keep, lambda folder: calibrated(set_, folder))
     if how == "wrong":
         how = "WRONG IN SILENCE"
     if set_.fault == "none" and how == "refused":
@@ -76,7 +76,8 @@ def judged(seed: int, keep: Path | None) -> tuple[str, str]:
     return how, f"{seed}: {set_.fault}: {said} [{set_.drawn}]"
 
 
-def _calibrated(set_: BoardSet, folder: Path) -> tuple[str, str]:
+def calibrated(set_: BoardSet, folder: Path) -> tuple[str, str]:
+    """(how it ended, in words) of one set."""
     result = run_lenses(write(set_, folder), folder / "lens.toml")
     sigmas, where = worst(set_, read_lens_file(folder / "lens.toml"))
     how = "wrong" if sigmas > SIGMAS else "right"

@@ -1,8 +1,8 @@
-"""Bundle adjustment of a camera, a projector, board poses and the boards' bend: exact derivatives, poses eliminated.
+"""Bundle adjustment of a camera, a projector, board poses and the boards' shape: exact derivatives, poses eliminated.
 
-The unknowns that all views share are at most 32; each view adds six, which couple with the shared ones only. The
-normal equations are therefore reduced to the shared unknowns (Schur complement), and the cost of a step grows with
-the number of corners, not with its cube: B. Triggs et al., Bundle adjustment - a modern synthesis, 1999.
+The unknowns that all views share are at most 34 (S in shapes); each view adds six, which couple with the shared ones
+only. The normal equations are therefore reduced to the shared unknowns (Schur complement), and the cost of a step grows
+with the number of corners, not with its cube: B. Triggs et al., Bundle adjustment - a modern synthesis, 1999.
 """
 
 from __future__ import annotations
@@ -17,10 +17,12 @@ from calibration.arrays import BoolArray, FloatArray, IntArray
 from calibration.lenses.lens import N, project_points, projection
 from calibration.lenses.records import FLEX, POSE, BoardSightings, RigState
 
-SHARED = 2 * N + POSE + FLEX
-"""Unknowns that all views share."""
+SHARED = 2 * N + POSE + FLEX + 1
+"""Unknowns that all views share: S in the shapes of arrays."""
 CAMERA, PROJECTOR = slice(0, N), slice(N, 2 * N)
-RELATIVE, BEND = slice(2 * N, 2 * N + POSE), slice(2 * N + POSE, SHARED)
+RELATIVE, BOARD = slice(2 * N, 2 * N + POSE), slice(2 * N + POSE, SHARED)
+BEND, STRETCH = slice(BOARD.start, SHARED - 1), slice(SHARED - 1, SHARED)
+"""Parts of the board's: its bend, and by what share its squares are longer down than across."""
 _LARGEST_DAMPING = 1e12
 """Beyond, a step no longer changes anything."""
 _EMPTY = 1e-30
@@ -36,21 +38,28 @@ class Linearised:
     residual: FloatArray
     """(N, d) modelled minus seen. [px]"""
     by_shared: FloatArray
-    """(N, d, 32)"""
+    """(N, d, S)"""
     by_pose: FloatArray
     """(N, d, 6)"""
 
 
-def board_points(sightings: BoardSightings, flex_m: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """(N, 3) corners on the bent board, and (N, 2) how their height moves with the bend."""
-    arch = arch_of(sightings)
-    return np.column_stack([sightings.board_m, arch @ flex_m]), arch
+def board_points(sightings: BoardSightings, state: RigState) -> tuple[FloatArray, FloatArray]:
+    """(N, 3) corners on the board as it is, and (N, 3, 4) how they move with its bend and its stretch."""
+    by_board = np.zeros((len(sightings.view), 3, FLEX + 1))
+    by_board[:, 2, :FLEX] = arch_of(sightings)
+    by_board[:, 1, FLEX] = sightings.centred_m[:, 1]
+    flat = np.column_stack([sightings.board_m, np.zeros(len(by_board))])
+    return flat + by_board @ np.append(state.flex_m, state.stretch), by_board
 
 
 def arch_of(sightings: BoardSightings) -> FloatArray:
-    """(N, 2) height of the corners for a bend of 1 along x and along y: parabolas, 1 in the middle, 0 at the edges."""
-    half = np.maximum(np.array(sightings.half_size_m), 1e-9)
-    return np.asarray(1 - (sightings.centred_m / half) ** 2)
+    """(N, 3) height of the corners for a bend of 1 along x, of 1 along y, and for a twist of 1.
+
+    Bends are parabolas of 1 in the middle and 0 at the edges; twist is a saddle of 1 at the first corner and the last,
+    of -1 at the other two.
+    """
+    x, y = (sightings.centred_m / np.maximum(np.array(sightings.half_size_m), 1e-9)).T
+    return np.column_stack([1 - x**2, 1 - y**2, x * y])
 
 
 def cross_matrices(vectors: FloatArray) -> FloatArray:
@@ -64,7 +73,7 @@ def cross_matrices(vectors: FloatArray) -> FloatArray:
 
 def camera_points(sightings: BoardSightings, state: RigState) -> FloatArray:
     """(N, 3) corners in the camera's frame."""
-    points, _ = board_points(sightings, state.flex_m)
+    points, _ = board_points(sightings, state)
     return np.asarray(
         np.einsum("nij,nj->ni", state.rotations[sightings.view], points) + state.translations_m[sightings.view]
     )
@@ -81,20 +90,20 @@ def linearise(sightings: BoardSightings, state: RigState) -> Linearised:
     A projector's pixel was read at the place where the camera saw the corner. What the camera's detection is off by
     moves it too, so it is compared at the place where the camera should have seen the corner.
     """
-    points, arch = board_points(sightings, state.flex_m)
+    points, by_board = board_points(sightings, state)
     rotation = state.rotations[sightings.view]
     turned = np.einsum("nij,nj->ni", rotation, points)
     seen = turned + state.translations_m[sightings.view]
     by_pose = np.concatenate([-cross_matrices(turned), np.broadcast_to(np.eye(3), (len(points), 3, 3))], axis=2)
-    by_bend = rotation[:, :, 2:] * arch[:, None, :]
+    by_board = rotation @ by_board
     camera = projection(state.camera, seen)
     shared = np.zeros((len(points), 2, SHARED))
     shared[..., CAMERA] = camera.by_lens
-    shared[..., BEND] = camera.by_point @ by_bend
+    shared[..., BOARD] = camera.by_point @ by_board
     first = Linearised(camera.xy_px - sightings.camera_xy_px, shared, camera.by_point @ by_pose)
     if not sightings.has_projector:
         return first
-    second = _projector_rows(sightings, state, seen, first=first, moves=(by_pose, by_bend))
+    second = _projector_rows(sightings, state, seen, first=first, moves=(by_pose, by_board))
     return Linearised(
         np.concatenate([first.residual, second.residual], axis=1),
         np.concatenate([first.by_shared, second.by_shared], axis=1),
@@ -113,12 +122,12 @@ def _projector_rows(
     turned = seen @ state.projector_rotation.T
     lit = projection(state.projector, turned + state.projector_translation_m)
     by_seen = lit.by_point @ state.projector_rotation
-    by_pose, by_bend = moves
+    by_pose, by_board = moves
     shared = np.zeros((len(seen), 2, SHARED))
     shared[..., PROJECTOR] = lit.by_lens
     shared[..., RELATIVE][..., :3] = -lit.by_point @ cross_matrices(turned)
     shared[..., RELATIVE][..., 3:] = lit.by_point
-    shared[..., BEND] = by_seen @ by_bend
+    shared[..., BOARD] = by_seen @ by_board
     read = sightings.projector_by_camera
     residual = lit.xy_px - sightings.projector_xy_px - np.einsum("nij,nj->ni", read, first.residual)
     return Linearised(residual, shared - read @ first.by_shared, by_seen @ by_pose - read @ first.by_pose)
@@ -258,12 +267,12 @@ def _damped(equations: NormalEquations, damping: float) -> FloatArray:
 
 
 def shared_values(state: RigState) -> FloatArray:
-    """(32,) the shared unknowns; 0 for the motion between the devices, which is counted from where it is."""
-    return np.concatenate([state.camera, state.projector, np.zeros(POSE), state.flex_m])
+    """(S,) the shared unknowns; 0 for the motion between the devices, which is counted from where it is."""
+    return np.concatenate([state.camera, state.projector, np.zeros(POSE), state.flex_m, [state.stretch]])
 
 
 def moved(state: RigState, shared: FloatArray, poses: FloatArray) -> RigState:
-    """Return a state moved by (32,) and (V, 6): rotations turn on their left."""
+    """Return a state moved by (S,) and (V, 6): rotations turn on their left."""
     relative = shared[RELATIVE]
     return RigState(
         camera=state.camera + shared[CAMERA],
@@ -271,6 +280,7 @@ def moved(state: RigState, shared: FloatArray, poses: FloatArray) -> RigState:
         projector_rotation=_turn(relative[:3]) @ state.projector_rotation,
         projector_translation_m=state.projector_translation_m + relative[3:],
         flex_m=state.flex_m + shared[BEND],
+        stretch=state.stretch + float(shared[STRETCH][0]),
         rotations=np.stack([_turn(pose[:3]) for pose in poses]) @ state.rotations,
         translations_m=state.translations_m + poses[:, 3:],
     )
@@ -298,7 +308,7 @@ class _Loss:
     """(N, devices)"""
     scales_px: FloatArray | None
     prior: FloatArray
-    """(32,)"""
+    """(S,)"""
 
     def at(self, sightings: BoardSightings, state: RigState) -> float:
         squares = self.weight * (by_device(residuals(sightings, state)) ** 2).sum(axis=2)
@@ -332,9 +342,9 @@ def adjust_bundle(
         Rows in the order of their views.
     start : RigState
         All points in front of both devices.
-    free : (32,) bool
+    free : (S,) bool
         Shared unknowns that may move; poses always do.
-    prior : (32,), optional
+    prior : (S,), optional
         Inverse variances of the shared unknowns about zero, in units of the noise; default: nothing is known of them.
     scales_px : (devices,), optional
         Cauchy's loss with these scales instead of squares: s² log(1 + r²/s²).

@@ -9,12 +9,12 @@ import numpy as np
 
 from calibration.arrays import BoolArray, FloatArray, IntArray
 from calibration.errors import CalibrationError
-from calibration.lenses.bundle import adjust_bundle, by_device, residuals, weights_of
+from calibration.lenses.bundle import BEND, STRETCH, adjust_bundle, by_device, residuals, weights_of
 from calibration.lenses.choice import USUAL, ModelScore, choose_model, left_out_squares
 from calibration.lenses.fit import Settled, free_shared, settle
 from calibration.lenses.lens import TERMS, FittedLens, ideal_coordinates, project_points
 from calibration.lenses.prior import no_prior, prior_of
-from calibration.lenses.records import BoardSightings, LensCalibration, RigState
+from calibration.lenses.records import FLEX, BoardSightings, LensCalibration, RigState
 from calibration.lenses.refusals.lit_views import refuse_unlike_boards
 from calibration.lenses.refusals.undetermined import refuse_undetermined
 from calibration.lenses.start import camera_guesses, guess_poses, moved_projector, with_projector
@@ -33,6 +33,8 @@ _FACTORS = (1.0, 0.7, 1.4)
 _TELLING_VIEWS = 6
 """From so many views on they alone tell which terms a lens has and whether the board is bent; with fewer the usual
 terms and the bend are fitted beside what is known of them beforehand (tests/calibration/lenses/test_few_views.py)."""
+_STRETCHED = 3.0
+"""Standard deviations by which a board's squares have to be longer than wide, or they are taken as square."""
 _FAIR = 1e-5
 """Share of the cost below which a step no longer decides between models."""
 _SURE = 1.0
@@ -126,17 +128,18 @@ def calibrate_lenses(
     """
     _refuse_few(sightings.views)
     some = _spread_views(sightings.views, _CHOICE_VIEWS)
-    model, flex, fit, scores = _camera_alone(sightings.of_views(some).camera_only(), request)
+    model, shape, fit, scores = _camera_alone(sightings.of_views(some).camera_only(), request)
     on_step(1, 4)
     state = _all_views(sightings, some, fit.state)
     projector: str | None = None
     projector_scores: tuple[ModelScore, ...] = ()
     if sightings.has_projector:
         refuse_unlike_boards(sightings, names)
-        projector, state, projector_scores = _projector_too(sightings, state, request, model=model, flex=flex)
+        projector, state, projector_scores = _projector_too(sightings, state, request, model=model, shape=shape)
     on_step(2, 4)
-    free = free_shared(model, projector, flex=flex)
-    settled = settle(sightings, state, free, prior=_prior(sightings))
+    settled = settle(sightings, state, shape.free(model, projector), prior=_prior(sightings))
+    settled = _stretched(settled, sightings) or settled
+    free = settled.free
     on_step(3, 4)
     settled, agree, starts, worse = _from_all_starts(settled, request)
     confidence = confidence_of(settled.equations(), free)
@@ -161,7 +164,7 @@ def _refuse_few(views: int) -> None:
 
 
 def _prior(sightings: BoardSightings) -> FloatArray:
-    """(32,) what counts beside so many views."""
+    """(S,) what counts beside so many views."""
     return no_prior() if sightings.views >= _TELLING_VIEWS else prior_of(sightings)
 
 
@@ -169,24 +172,52 @@ def _spread_views(views: int, count: int) -> IntArray:
     return np.unique(np.linspace(0, views - 1, min(views, count)).round().astype(np.int64))
 
 
-def _camera_alone(sightings: BoardSightings, request: LensRequest) -> tuple[str, bool, Settled, tuple[ModelScore, ...]]:
-    """Distortion model, whether the board is bent, the fit, and the scores of all models."""
-    flex, prior = request.flex is not False, _prior(sightings)
+@dataclass(frozen=True)
+class _BoardShape:
+    """What of the board's shape is fitted."""
+
+    flex: bool
+    stretch: bool = False
+
+    def free(self, model: str, projector: str | None) -> BoolArray:
+        """(S,) the shared unknowns of lenses with these distortion models."""
+        return free_shared(model, projector, flex=self.flex, stretch=self.stretch)
+
+
+def _camera_alone(
+    sightings: BoardSightings, request: LensRequest
+) -> tuple[str, _BoardShape, Settled, tuple[ModelScore, ...]]:
+    """Distortion model, what of the board's shape is fitted, the fit, and the scores of all models."""
+    shape, prior = _BoardShape(flex=request.flex is not False), _prior(sightings)
 
     def attempt(model: str, seen: BoardSightings, start: RigState | None) -> Settled:
-        free = free_shared(model, None, flex=flex)
+        free = shape.free(model, None)
         fits = [settle(seen, start, free, prior=prior, least_gain=_FAIR)] if start is not None else []
         if start is None or (model == "rational" and seen.views == sightings.views):
             guesses = camera_guesses(seen, request.camera_size_px, wide=model == "rational")[:_GUESSES]
             fits += [settle(seen, guess.state, free, prior=prior, least_gain=_FAIR) for guess in guesses]
         return min(fits, key=_merit)
 
+    # Richer lenses take up what an uneven print leaves, so it is asked for before they are.
+    uneven = _stretched(attempt(request.camera_model or USUAL, sightings, None), sightings)
+    shape = replace(shape, stretch=uneven is not None)
     model, fit, scores = choose_model(sightings, attempt, request.models_of(request.camera_model, sightings.views))
     told = request.flex is None and sightings.views >= _TELLING_VIEWS
-    if told and not _flex_helps(sightings, model, fit):
-        flex, flat = False, replace(fit.state, flex_m=np.zeros(2))
-        fit = settle(sightings, flat, free_shared(model, None, flex=False), prior=prior)
-    return model, flex, fit, scores
+    if told and not _flex_helps(sightings, fit):
+        shape, flat = replace(shape, flex=False), replace(fit.state, flex_m=np.zeros(FLEX))
+        fit = settle(sightings, flat, shape.free(model, None), prior=prior)
+    return model, shape, fit, scores
+
+
+def _stretched(settled: Settled, sightings: BoardSightings) -> Settled | None:
+    """The same with squares that are longer than wide; None where the views do not say so."""
+    if settled.free[STRETCH].all():
+        return None
+    free = settled.free.copy()
+    free[STRETCH] = True
+    other = settle(sightings, settled.state, free, prior=settled.prior)
+    sigma = float(np.sqrt(confidence_of(other.equations(), free).covariance[STRETCH, STRETCH].item()))
+    return other if abs(other.state.stretch) > _STRETCHED * sigma else None
 
 
 def _merit(settled: Settled) -> float:
@@ -194,12 +225,14 @@ def _merit(settled: Settled) -> float:
     return float(np.median(np.linalg.norm(settled.bundle.residual[:, :2], axis=1)))
 
 
-def _flex_helps(sightings: BoardSightings, model: str, fit: Settled) -> bool:
+def _flex_helps(sightings: BoardSightings, fit: Settled) -> bool:
     """Whether left-out views are predicted better by a bent board."""
     squares = []
     for flex in (False, True):
-        state = fit.state if flex else replace(fit.state, flex_m=np.zeros(2))
-        again = settle(sightings, state, free_shared(model, None, flex=flex), prior=fit.prior, least_gain=_FAIR)
+        state = fit.state if flex else replace(fit.state, flex_m=np.zeros(FLEX))
+        free = fit.free.copy()
+        free[BEND] = flex
+        again = settle(sightings, state, free, prior=fit.prior, least_gain=_FAIR)
         squares.append(left_out_squares(sightings, again, device=0))
     gain = squares[0] - squares[1]
     return bool(np.nanmean(gain) > _SURE * np.nanstd(gain, ddof=1) / np.sqrt(len(gain)))
@@ -216,11 +249,11 @@ def _all_views(sightings: BoardSightings, known: IntArray, state: RigState) -> R
 
 
 def _projector_too(
-    sightings: BoardSightings, state: RigState, request: LensRequest, *, model: str, flex: bool
+    sightings: BoardSightings, state: RigState, request: LensRequest, *, model: str, shape: _BoardShape
 ) -> tuple[str, RigState, tuple[ModelScore, ...]]:
     def attempt(terms: str, seen: BoardSightings, start: RigState | None) -> Settled:
         first = with_projector(seen, state.of_views(np.arange(seen.views))) if start is None else start
-        return settle(seen, first, free_shared(model, terms, flex=flex), prior=_prior(sightings), least_gain=_FAIR)
+        return settle(seen, first, shape.free(model, terms), prior=_prior(sightings), least_gain=_FAIR)
 
     models = request.models_of(request.projector_model, sightings.views)
     chosen, fit, scores = choose_model(sightings, attempt, models, device=1)

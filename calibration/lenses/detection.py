@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 
 from calibration.arrays import FloatArray, Frame, IntArray
 from calibration.lenses.boards import Board
-from calibration.lenses.chessboards.cut_boards import is_of_larger_board, largest_part, seen_part
-from calibration.lenses.circles import find_circles, why_other_circles
+from calibration.lenses.corners.circles import find_circles, why_other_circles
+from calibration.lenses.corners.cut_boards import is_of_larger_board, largest_part, seen_part
+from calibration.lenses.corners.laid_over import refined_by_print
 
 _SEARCHED_PX = 1600
 """Longer side in which a board is looked for; its corners are then refined in the whole picture."""
@@ -77,6 +78,8 @@ def detect_board(picture: Frame, board: Board, full_scale_dn: float) -> Detectio
         problem = why_other_circles(shown, board, xy)
     if not problem and (bright - dark) < _FLAT_DN / 255 * full_scale_dn:
         problem = f"the board's squares differ by {bright - dark:.0f} dn only: light it, or expose longer"
+    if not problem:
+        ids, xy = refined_by_print(picture, board, ids, xy, square_px=square, edge_px=edge)
     return Detection(ids=ids, xy_px=xy, problem=problem, edge_px=edge, square_px=square, bright_dn=bright)
 
 
@@ -165,8 +168,6 @@ def _charuco(shown: NDArray[np.uint8], board: Board) -> tuple[IntArray, FloatArr
     numbers = np.asarray(ids, dtype=np.int64).ravel()
     order = np.argsort(numbers)
     ids_sorted, xy = numbers[order], xy[order]
-    if len(xy) >= _LEAST_CORNERS:
-        xy = _refined(shown, xy, 0.8 * _square_px(ids_sorted, xy, board))
     return ids_sorted, xy
 
 
@@ -230,13 +231,13 @@ def _why_no_charuco(shown: NDArray[np.uint8], board: Board, corners: int) -> str
             f"shows marker {max(beyond)}, a board of {board.words} ends at {expected - 1}: correct [board] columns "
             "and rows (squares), or its dictionary"
         )
+    if _is_blurred(shown):
+        return "is blurred: no sharp edge in it; focus on the board, and hold it still"
     if markers:
         return (
             f"{markers} markers but only {corners} corners found, {_LEAST_CORNERS} are needed: show more of the board; "
             "check columns and rows (squares) and legacy (boards printed by OpenCV before 4.6)"
         )
-    if _is_blurred(shown):
-        return "is blurred: no sharp edge in it; focus on the board, and hold it still"
     return f"no marker of {board.dictionary} found: check [board] dictionary, focus and light"
 
 

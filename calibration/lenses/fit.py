@@ -10,10 +10,12 @@ import numpy as np
 from calibration.arrays import BoolArray, FloatArray
 from calibration.lenses.bundle import (
     BEND,
+    BOARD,
     LEAST_GAIN,
     PROJECTOR,
     RELATIVE,
     SHARED,
+    STRETCH,
     Bundle,
     NormalEquations,
     adjust_bundle,
@@ -58,9 +60,9 @@ class Settled:
     noise_px: FloatArray
     """(devices,) standard deviation of one coordinate."""
     free: BoolArray
-    """(32,)"""
+    """(S,)"""
     prior: FloatArray
-    """(32,) inverse variances of the shared unknowns about zero, from before any view."""
+    """(S,) inverse variances of the shared unknowns about zero, from before any view."""
 
     @property
     def state(self) -> RigState:
@@ -83,8 +85,8 @@ class Settled:
         return normal_equations(lines, weights_of(sightings), sightings.view, sightings.views, known=known)
 
 
-def free_shared(camera: str, projector: str | None, *, flex: bool) -> BoolArray:
-    """(32,) shared unknowns that are fitted.
+def free_shared(camera: str, projector: str | None, *, flex: bool, stretch: bool = False) -> BoolArray:
+    """(S,) shared unknowns that are fitted.
 
     Parameters
     ----------
@@ -92,6 +94,8 @@ def free_shared(camera: str, projector: str | None, *, flex: bool) -> BoolArray:
         Distortion models of ``TERMS``; no projector: None.
     flex : bool
         Whether the board may be bent.
+    stretch : bool
+        Whether its squares may be longer than wide.
     """
     free = np.zeros(SHARED, dtype=bool)
     free[: len(free_parameters(camera))] = free_parameters(camera)
@@ -99,6 +103,7 @@ def free_shared(camera: str, projector: str | None, *, flex: bool) -> BoolArray:
         free[PROJECTOR] = free_parameters(projector)
         free[RELATIVE] = True
     free[BEND] = flex
+    free[STRETCH] = stretch
     return free
 
 
@@ -117,9 +122,9 @@ def settle(
     sightings : BoardSightings
         Rows in the order of their views.
     start : RigState
-    free : (32,) bool
+    free : (S,) bool
         Shared unknowns to fit.
-    prior : (32,)
+    prior : (S,)
         Inverse variances of the shared unknowns about zero, from before any view.
     least_gain : float
         Share of the cost that a step of the last fit has to gain, or the fit ends.
@@ -267,7 +272,7 @@ def _noise(kept: BoardSightings, bundle: Bundle, free: BoolArray) -> FloatArray:
     weight = weights_of(kept)
     squares = (weight * (by_device(bundle.residual) ** 2).sum(axis=2)).sum(axis=0)
     counts = 2 * (weight > 0).sum(axis=0)
-    lens = [int(free[: PROJECTOR.start].sum() + free[BEND].sum()), int(free[PROJECTOR].sum() + free[RELATIVE].sum())]
+    lens = [int(free[: PROJECTOR.start].sum() + free[BOARD].sum()), int(free[PROJECTOR].sum() + free[RELATIVE].sum())]
     poses = POSE * kept.views * counts / max(int(counts.sum()), 1)
     freedom = np.maximum(counts - poses - lens[: len(counts)], 1)
     return np.asarray(np.maximum(np.sqrt(squares / freedom), _LEAST_NOISE_PX))

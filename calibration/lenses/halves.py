@@ -67,7 +67,7 @@ def halves_of(settled: Settled) -> tuple[Anchor, RigState, FloatArray, FloatArra
 
     Returns
     -------
-    Anchor, RigState, (32, 32), (32, 32)
+    Anchor, RigState, (S, S), (S, S)
         The first half's observed points and lenses, the second's lenses, and both covariances.
     """
     if settled.sightings.views < LEAST_VIEWS:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from calibration.arrays import FloatArray
-from calibration.lenses.bundle import BEND, CAMERA, PROJECTOR, SHARED
+from calibration.lenses.bundle import BEND, CAMERA, PROJECTOR, SHARED, STRETCH
 from calibration.lenses.lens import PARAMETERS
 from calibration.lenses.records import BoardSightings
 
@@ -19,14 +19,17 @@ _TANGENTIAL = 0.003
 _BEND = 0.002
 """Of a board's bend, share of its longer side: a print on cardboard or foam of 0.3 m is bent by half a millimetre."""
 
+_STRETCH = 0.003
+"""By which squares are longer than wide: office printers feed paper to some tenths of a per cent."""
+
 
 def no_prior() -> FloatArray:
-    """(32,) zeros: nothing is known beforehand of any shared unknown."""
+    """(S,) zeros: nothing is known beforehand of any shared unknown."""
     return np.zeros(SHARED)
 
 
 def prior_of(sightings: BoardSightings) -> FloatArray:
-    """(32,) inverse variances of the shared unknowns about zero; 0 for those of which nothing is known.
+    """(S,) inverse variances of the shared unknowns about zero; 0 for those of which nothing is known.
 
     Parameters
     ----------
@@ -37,6 +40,7 @@ def prior_of(sightings: BoardSightings) -> FloatArray:
     for lens in (CAMERA, PROJECTOR):
         sigma[lens] = [_sigma_of(name) for name in PARAMETERS]
     sigma[BEND] = _BEND * 2 * max(sightings.half_size_m)
+    sigma[STRETCH] = _STRETCH
     return np.asarray(1 / sigma**2)
 
 

@@ -10,8 +10,9 @@ from calibration.arrays import BoolArray, FloatArray, IntArray
 from calibration.errors import CalibrationError
 from calibration.lenses.lens import FittedLens
 
-FLEX = 2
-"""Parameters of a board's bend: how far its middle stands out along x and along y."""
+FLEX = 3
+"""Parameters of a board's bend: how far its middle stands out along x and along y, and how far twist lifts its first
+corner. A board bends along any direction, and one along its diagonal is the three together."""
 POSE = 6
 """A rotation vector and a translation."""
 
@@ -160,11 +161,13 @@ class RigState:
     projector_translation_m: FloatArray
     """(3,) projector_from_camera."""
     flex_m: FloatArray
-    """(2,) how far the board's middle stands out towards its z, along x and along y."""
+    """(3,) how far the board stands out towards its z: its middle along x and along y, its first corner by twist."""
     rotations: FloatArray
     """(V, 3, 3) camera_from_board."""
     translations_m: FloatArray
-    """(V, 3) camera_from_board, the board's origin at its first corner."""
+    """(V, 3) camera_from_board, the board's origin at its first corner, were it flat."""
+    stretch: float = 0.0
+    """By what share the board's squares are longer down than across, about its middle: paper is fed unevenly. [1]"""
 
     def of_views(self, views: IntArray) -> RigState:
         """Return the same with the poses of some views only."""
@@ -179,12 +182,12 @@ class LensCalibration:
     projector: FittedLens | None
     state: RigState
     covariance: FloatArray
-    """(32, 32) of camera lens (12), projector lens (12), projector_from_camera (6: rotation vector on its left,
-    translation) and flex (2); zero where a parameter was not free."""
+    """(S, S) of camera lens (12), projector lens (12), projector_from_camera (6: rotation vector on its left,
+    translation), flex (3) and stretch (1); zero where a parameter was not free."""
     free: BoolArray
-    """(32,) which of these were fitted."""
+    """(S,) which of these were fitted."""
     information: FloatArray
-    """(32, 32) what the corners say of them, poses eliminated; its unit is one corner's variance."""
+    """(S, S) what the corners say of them, poses eliminated; its unit is one corner's variance."""
     sightings: BoardSightings
     used: BoolArray
     """(N, 2) rows that the fit rests on, for camera and projector."""
@@ -196,5 +199,5 @@ class LensCalibration:
     """By what factor views scatter more than their corners' noise explains (variance); 1: the model fits. [1]"""
 
     def sigmas(self) -> FloatArray:
-        """(32,) standard deviations."""
+        """(S,) standard deviations."""
         return np.asarray(np.sqrt(np.diag(self.covariance)))

@@ -44,9 +44,9 @@ class Confidence:
     """What a fit says of its shared unknowns."""
 
     covariance: FloatArray
-    """(32, 32)"""
+    """(S, S)"""
     information: FloatArray
-    """(32, 32) poses eliminated, in units of the noise."""
+    """(S, S) poses eliminated, in units of the noise."""
     excess: float
     """Scatter between views over what corner noise explains (variance). [1]"""
 
@@ -62,7 +62,7 @@ def confidence_of(equations: NormalEquations, free: BoolArray) -> Confidence:
     ----------
     equations : NormalEquations
         At the solution, in units of the noise.
-    free : (32,) bool
+    free : (S,) bool
         Which unknowns these are.
 
     Returns
@@ -102,7 +102,7 @@ class PointSlopes:
     """How pixels of fixed points move with the shared unknowns, and with a motion of the world."""
 
     by_shared: FloatArray
-    """(N, 2, 32)"""
+    """(N, 2, S)"""
     by_motion: FloatArray
     """(N, 2, 6) a turn about the camera's centre, and a shift."""
 
@@ -138,7 +138,7 @@ class Anchor:
         return cls(camera_points(sightings, state), weights_of(sightings), state)
 
     def motion_by_shared(self) -> FloatArray:
-        """(6, 32) turn and shift that bring the points back to their pixels, per change of each unknown."""
+        """(6, S) turn and shift that bring the points back to their pixels, per change of each unknown."""
         normal, mixed = np.zeros((POSE, POSE)), np.zeros((POSE, SHARED))
         for device in range(self.weight.shape[1]):
             slopes = point_slopes(self.state, self.points_m, in_projector=bool(device))
@@ -195,7 +195,7 @@ def projection_covariance(
     ----------
     anchor : Anchor
         Of the calibration.
-    covariance : (32, 32)
+    covariance : (S, S)
         Of its shared unknowns.
     xy_px : (N, 2)
         Pixels of the device.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from calibration.lenses.bundle import CAMERA, PROJECTOR
+from calibration.lenses.bundle import CAMERA, PROJECTOR, STRETCH
 from calibration.lenses.calibrate import LensFit
 from calibration.lenses.records import LensCalibration
 from calibration.lenses.refusals.undetermined import tilt_spread_deg
@@ -23,6 +23,8 @@ _SCATTER = 2.0
 """Between views over corner noise: beyond, the lens model or the board is not what it is taken for."""
 _BRIGHTNESS = 4.0
 """Brightest over darkest view: tilt and distance of a board explain less."""
+_UNEVEN = 0.0005
+"""Share by which squares are longer than wide: less is no matter, half a millimetre on a metre."""
 _STRETCHED, _SURE = 0.02, 5.0
 """Share by which pixels are wider than high, or higher than wide, and standard deviations: sensors and displays have
 square ones to a thousandth, but for those that are named."""
@@ -87,7 +89,7 @@ def warnings_of(
 ) -> tuple[str, ...]:
     """Return what was left out or looks wrong, a line each."""
     lines = [f"{view.name}: {view.note}" for view in summaries if view.note]
-    lines += _stretched(calibration)
+    lines += [*_uneven_print(calibration), *_stretched(calibration)]
     bright = {view.name: view.bright_dn for view in views if not view.problem and np.isfinite(view.bright_dn)}
     if len(bright) > 1:
         darkest, brightest = min(bright, key=bright.__getitem__), max(bright, key=bright.__getitem__)
@@ -103,6 +105,18 @@ def warnings_of(
             "the focal length is known better"
         )
     return tuple(lines)
+
+
+def _uneven_print(calibration: LensCalibration) -> list[str]:
+    """Return a line for a board whose squares are longer than wide."""
+    stretch, sigma = calibration.state.stretch, float(calibration.sigmas()[STRETCH][0])
+    if abs(stretch) <= max(_UNEVEN, _SURE * sigma):
+        return []
+    return [
+        f"the board's squares come out {100 * abs(stretch):.2f} ± {100 * sigma:.3f} % "
+        f"{'longer' if stretch > 0 else 'shorter'} down than across, as printers feed paper; "
+        "square_m is taken as their width: measure a row of squares, lengths are off by what it is off"
+    ]
 
 
 def _stretched(calibration: LensCalibration) -> list[str]:

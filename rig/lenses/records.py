@@ -100,9 +100,13 @@ class LensesResult(Record):
     devices: tuple[DeviceLens, ...]
     views: tuple[ViewSummary, ...]
     pose: PairPose | None = None
-    flex_mm: tuple[float, float]
-    """How far the board's middle stands out along its columns and rows; 0: taken as flat."""
-    flex_sigma_mm: tuple[float, float]
+    flex_mm: tuple[float, float, float]
+    """How far the board's middle stands out along its columns and rows, and its first corner by twist; 0: taken as
+    flat."""
+    flex_sigma_mm: tuple[float, float, float]
+    stretch: float = 0.0
+    """By what share the board's squares are longer down than across; 0: taken as square. [1]"""
+    stretch_sigma: float = 0.0
     scatter_of_views: float
     """Between views over what corner noise explains (standard deviation); near 1: the model fits."""
     starts: int

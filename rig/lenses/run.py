@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.errors import CalibrationError
-from calibration.lenses.bundle import BEND, CAMERA, PROJECTOR, RELATIVE
+from calibration.lenses.bundle import BEND, CAMERA, PROJECTOR, RELATIVE, STRETCH
 from calibration.lenses.calibrate import LEAST_VIEWS, LensFit, LensRequest, calibrate_lenses
 from calibration.lenses.lens import PARAMETERS, FittedLens
 from calibration.lenses.next_pose import suggest_pose
@@ -151,16 +151,18 @@ def _result(measured: Measured, output: Path, report: Path | None, *, started_s:
         for (role, _, _), maps in zip(_lenses(calibration), measured.maps, strict=True)
     )
     views = view_summaries(measured.views, calibration)
-    sigma = calibration.sigmas()[BEND]
-    flex_x, flex_y = (1e3 * calibration.state.flex_m).tolist()
+    sigma_x, sigma_y, sigma_twist = (1e3 * calibration.sigmas()[BEND]).tolist()
+    flex_x, flex_y, twist = (1e3 * calibration.state.flex_m).tolist()
     pose = suggest_pose(fit.settled, calibration.camera, calibration.projector)
     return LensesResult(
         rms_px=_joint_rms(devices),
         devices=devices,
         views=views,
         pose=_pose(calibration),
-        flex_mm=(flex_x, flex_y),
-        flex_sigma_mm=(float(1e3 * sigma[0]), float(1e3 * sigma[1])),
+        flex_mm=(flex_x, flex_y, twist),
+        flex_sigma_mm=(sigma_x, sigma_y, sigma_twist),
+        stretch=calibration.state.stretch,
+        stretch_sigma=float(calibration.sigmas()[STRETCH][0]),
         scatter_of_views=float(np.sqrt(max(calibration.excess, 0.0))),
         starts=fit.starts,
         starts_agree_px=fit.starts_agree_px,
@@ -251,6 +253,8 @@ def _joint(calibration: LensCalibration) -> JointEntry:
         *POSE_PARAMETERS,
         "board.flex_x",
         "board.flex_y",
+        "board.twist",
+        "board.stretch",
     ]
     free = np.flatnonzero(calibration.free)
     part = calibration.covariance[np.ix_(free, free)]

@@ -13,7 +13,10 @@ def print_lenses(result: LensesResult) -> None:
         rows.append(("pair", "baseline, m", f"{result.pose.baseline_m:.5f} ± {result.pose.baseline_sigma_m:.5f}"))
     if any(result.flex_mm):
         bend = " / ".join(f"{v:.3f} ± {s:.3f}" for v, s in zip(result.flex_mm, result.flex_sigma_mm, strict=True))
-        rows.append(("board", "bend along columns / rows, mm", bend))
+        rows.append(("board", "bend along columns / rows / twist, mm", bend))
+    if result.stretch:
+        stretch = f"{100 * result.stretch:+.3f} ± {100 * result.stretch_sigma:.3f}"
+        rows.append(("board", "squares longer down than across, %", stretch))
     print_table(f"Lenses, rms {result.rms_px:.3f} px", ["device", "what", "value"], rows)
     worst = sorted(result.views, key=lambda view: -(view.camera_rms_px or 0))[:12]
     head = ["view", "corners", "camera rms, px", "projector rms, px", "tilt, deg", "used"]

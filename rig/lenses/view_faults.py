@@ -37,7 +37,10 @@ def fault_of_photographs(pictures: Mapping[str, Photograph], found: Detection, *
         That the projector showed.
     """
     order = _other_order(pictures, limit_dn) if code == "gray" else ""
-    return order or _moved(pictures) or _changed_light(pictures, found)
+    if order:
+        return order
+    fault = _moved(pictures) or _changed_light(pictures, found)
+    return with_sign(pictures, fault) if fault else ""
 
 
 def _other_order(pictures: Mapping[str, Photograph], limit_dn: float) -> str:

@@ -57,7 +57,7 @@ def truth(count: int, seed: int = 0, board: Board = BOARD, tilt: float = 0.6) ->
         projector=PROJECTOR,
         projector_rotation=TURN,
         projector_translation_m=np.array([0.007, -0.28, 0.66]) - TURN @ np.array([0.0, 0.0, 0.62]),
-        flex_m=np.zeros(2),
+        flex_m=np.zeros(3),
         rotations=rotations,
         translations_m=translations,
     )

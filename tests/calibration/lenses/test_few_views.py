@@ -20,7 +20,7 @@ def drawn(seed: int, views: int) -> RigState:
     camera, projector = CAMERA.copy(), PROJECTOR.copy()
     camera[4:8] = rng.normal(size=4) * [0.15, 0.15, 0.0008, 0.0008]
     projector[4:8] = rng.normal(size=4) * [0.05, 0.05, 0.0003, 0.0003]
-    flex_m = rng.normal(size=2) * rng.choice([0.0, 4e-4])
+    flex_m = rng.normal(size=3) * rng.choice([0.0, 4e-4])
     return replace(truth(views, seed=seed), camera=camera, projector=projector, flex_m=flex_m)
 
 

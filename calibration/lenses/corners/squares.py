@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.arrays import FloatArray
-from calibration.lenses.chessboards.saddles import corners_near
+from calibration.lenses.corners.saddles import corners_near
 
 _RADIUS = 0.2
 """Of the distance to the nearest corner, which may be the diagonal of a square: of the ring on which edges are looked

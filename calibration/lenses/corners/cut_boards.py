@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from calibration.arrays import FloatArray, IntArray
 from calibration.lenses.boards import Board
-from calibration.lenses.chessboards.saddles import OFF_SQUARES, corners_near
-from calibration.lenses.chessboards.squares import neighbours_only
+from calibration.lenses.corners.saddles import OFF_SQUARES, corners_near
+from calibration.lenses.corners.squares import neighbours_only
 
 _SMALLEST_GRID, _SMALLEST_SEED = 3, 2
 """Corners a side with which a part of a board is looked for, and from which it is gone on with."""

@@ -7,6 +7,7 @@ from typing import Any
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from calibration.arrays import FloatArray
 from calibration.lenses.boards import Board
@@ -24,17 +25,25 @@ _LEAST_CIRCLES = 20
 _LIKE = 3.0
 """Ratio of diameters within which spots are circles of one board, seen at a slant."""
 
+_LEVELS, _REPEATED = 20, 4
+"""Levels at which spots are looked for, and at how many of them a circle shows: noise splits one at two, where the
+level is the circle's own."""
+
 
 def find_circles(shown: NDArray[np.uint8], board: Board) -> FloatArray:
     """(N, 2) centres of a board's circles in their order, or none."""
     kind = "CALIB_CB_ASYMMETRIC_GRID" if board.kind == "asymmetric-circles" else "CALIB_CB_SYMMETRIC_GRID"
+    # OpenCV's detector has some circles twice, and then finds no grid; so it is given their middles, each once.
+    settings = cv2.CirclesGridFinderParameters()
+    spots = [_spots(np.asarray(image, dtype=np.uint8))[0].astype(np.float32) for image in (shown, 255 - shown)]
     for extra in (0, int(cv2.CALIB_CB_CLUSTERING)):
-        for image in (shown, 255 - shown):
-            found, centres = cv2.findCirclesGrid(
-                image,
-                (board.columns, board.rows),
-                flags=int(getattr(cv2, kind)) + extra,
-                blobDetector=_blobs(shown.shape),
+        for middles in spots:
+            if len(middles) < board.columns * board.rows:
+                continue
+            flags = int(getattr(cv2, kind)) + extra
+            size = (board.columns, board.rows)
+            found, centres = cv2.findCirclesGrid(  # type: ignore[call-overload]
+                middles.reshape(-1, 1, 2), size, flags=flags, blobDetector=None, parameters=settings
             )
             numbered = _numbered(board, np.asarray(centres, dtype=np.float64).reshape(-1, 2)) if found else None
             if numbered is not None:
@@ -74,7 +83,7 @@ def why_other_circles(shown: NDArray[np.uint8], board: Board, found: FloatArray)
     found : (N, 2)
         Its circles, if they were found.
     """
-    spots = max((_spots(image) for image in (shown, 255 - shown)), key=len)
+    spots = max((_alike(image) for image in (shown, 255 - shown)), key=len)
     asked = f"{board.columns} × {board.rows}"
     if len(found):
         sides = _sides_that_go_on(board, found, spots)
@@ -131,18 +140,32 @@ def _pictured(to_picture: NDArray[Any], places: FloatArray) -> FloatArray:
     return np.asarray(pictured, dtype=np.float64).reshape(-1, 2)
 
 
-def _spots(shown: NDArray[np.uint8]) -> FloatArray:
+def _alike(shown: NDArray[np.uint8]) -> FloatArray:
     """(N, 2) dark spots of about one size."""
-    spots = _blobs(shown.shape).detect(shown)
-    if not spots:
-        return np.zeros((0, 2))
-    size = np.array([spot.size for spot in spots])
-    alike = np.abs(np.log(size / np.median(size))) < np.log(_LIKE)
-    return np.asarray(np.array([spot.pt for spot in spots], dtype=np.float64)[alike])
+    spots, size_px = _spots(shown)
+    return spots[np.abs(np.log(size_px / np.median(size_px))) < np.log(_LIKE)] if len(spots) else spots
 
 
-def _blobs(shape: tuple[int, ...]) -> Any:
+def _spots(shown: NDArray[np.uint8]) -> tuple[FloatArray, FloatArray]:
+    """(N, 2) middles of dark spots, each once, and (N,) their diameters."""
+    found = sorted(_blobs(shown).detect(shown), key=lambda spot: -spot.size)
+    spots, sizes = np.array([spot.pt for spot in found]).reshape(-1, 2), np.array([spot.size for spot in found])
+    if not len(spots):
+        return spots, sizes
+    pairs = cKDTree(spots).query_pairs(sizes[0] / 2, output_type="ndarray")
+    within = np.linalg.norm(spots[pairs[:, 0]] - spots[pairs[:, 1]], axis=1) < sizes[pairs.min(axis=1)] / 2
+    once = np.ones(len(spots), dtype=bool)
+    once[pairs.max(axis=1)[within]] = False
+    return spots[once], sizes[once]
+
+
+def _blobs(shown: NDArray[np.uint8]) -> Any:
+    """Return a detector of spots, at levels that lie evenly between a picture's darkest and brightest."""
     settings = cv2.SimpleBlobDetector_Params()  # type: ignore[attr-defined]
-    settings.minArea, settings.maxArea = 12.0, shape[0] * shape[1] / 50.0
+    settings.minArea, settings.maxArea = 12.0, shown.shape[0] * shown.shape[1] / 50.0
     settings.minDistBetweenBlobs = 4.0
+    dark, bright = np.percentile(shown, (1, 99)).tolist()
+    settings.minThreshold, settings.maxThreshold = dark, max(bright, dark + 2 * _LEVELS)
+    settings.thresholdStep = (settings.maxThreshold - dark) / _LEVELS
+    settings.minRepeatability = _REPEATED
     return cv2.SimpleBlobDetector_create(settings)  # type: ignore[attr-defined]
