@@ -33,10 +33,20 @@ def _extent_m(set_: BoardSet) -> FloatArray:
 
 
 def _bowed(set_: BoardSet, random: np.random.Generator) -> None:
-    """A sheet of plastic that bends along any direction, by up to 2 % of its length."""
+    """A sheet of plastic that bends along any direction, by up to 2 % of its length, which it keeps."""
     way, size = random.uniform(0, np.pi), random.choice([-1, 1]) * random.uniform(0.002, 0.02)
-    along, span = np.array([np.cos(way), np.sin(way)]), float(_extent_m(set_).max())
-    _made(set_, random, Made(lambda xy: size * span * (((xy - _extent_m(set_) / 2) @ along / span * 2) ** 2)))
+    along, span, middle = np.array([np.cos(way), np.sin(way)]), float(_extent_m(set_).max()), _extent_m(set_) / 2
+
+    def height_m(xy: FloatArray) -> FloatArray:
+        return np.asarray(size * span * ((xy - middle) @ along / span * 2) ** 2)
+
+    def print_at(xy: FloatArray) -> FloatArray:
+        across = (xy - middle) @ along
+        slope = 8 * size * across / span
+        arc = (slope * np.hypot(1, slope) + np.arcsinh(slope)) * span / (16 * size)
+        return np.asarray(xy + (arc - across)[:, None] * along)
+
+    _made(set_, random, Made(height_m, print_at))
 
 
 def _twisted(set_: BoardSet, random: np.random.Generator) -> None:

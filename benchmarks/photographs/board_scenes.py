@@ -41,12 +41,18 @@ def _flat(xy_m: FloatArray) -> FloatArray:
     return np.zeros(len(xy_m))
 
 
+def _as_it_lies(xy_m: FloatArray) -> FloatArray:
+    return xy_m
+
+
 @dataclass(frozen=True, eq=False)
 class Made:
     """How a board is made, and what stands behind it."""
 
     height_m: Callable[[FloatArray], FloatArray] = _flat
     """Of its surface over its plane, away from the camera, at (N, 2) places on it."""
+    print_at: Callable[[FloatArray], FloatArray] = _as_it_lies
+    """(N, 2) what of the print lies at places on its plane: a sheet that bends keeps its lengths."""
     stretch: tuple[float, float] = (1.0, 1.0)
     """Of the printed squares, across and down."""
     behind_m: float = 0.0
@@ -195,7 +201,7 @@ def stand(state: RigState, view: int, board: Board, look: Look, made: Made = Mad
     rays = np.column_stack([plane, np.ones(len(plane))])
     points, xy_m = _met(rays, state, view, made)
     texture, corner = printed(board)
-    texel = xy_m * _TEXTURE / board.square_m / np.array(made.stretch) + corner
+    texel = made.print_at(xy_m) * _TEXTURE / board.square_m / np.array(made.stretch) + corner
     light = _remapped(0.25 + 0.6 * texture / 255.0, texel.reshape(*x.shape, 2), cv2.INTER_LINEAR, beside=0.4)
     if made.behind_m:
         beside = ((texel < 0) | (texel > np.array(texture.shape[::-1]) - 1)).any(axis=1)

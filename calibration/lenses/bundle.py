@@ -14,6 +14,7 @@ import cv2
 import numpy as np
 
 from calibration.arrays import BoolArray, FloatArray, IntArray
+from calibration.lenses.board_shape import board_points
 from calibration.lenses.lens import N, project_points, projection
 from calibration.lenses.records import FLEX, POSE, BoardSightings, RigState
 
@@ -41,25 +42,6 @@ class Linearised:
     """(N, d, S)"""
     by_pose: FloatArray
     """(N, d, 6)"""
-
-
-def board_points(sightings: BoardSightings, state: RigState) -> tuple[FloatArray, FloatArray]:
-    """(N, 3) corners on the board as it is, and (N, 3, 4) how they move with its bend and its stretch."""
-    by_board = np.zeros((len(sightings.view), 3, FLEX + 1))
-    by_board[:, 2, :FLEX] = arch_of(sightings)
-    by_board[:, 1, FLEX] = sightings.centred_m[:, 1]
-    flat = np.column_stack([sightings.board_m, np.zeros(len(by_board))])
-    return flat + by_board @ np.append(state.flex_m, state.stretch), by_board
-
-
-def arch_of(sightings: BoardSightings) -> FloatArray:
-    """(N, 3) height of the corners for a bend of 1 along x, of 1 along y, and for a twist of 1.
-
-    Bends are parabolas of 1 in the middle and 0 at the edges; twist is a saddle of 1 at the first corner and the last,
-    of -1 at the other two.
-    """
-    x, y = (sightings.centred_m / np.maximum(np.array(sightings.half_size_m), 1e-9)).T
-    return np.column_stack([1 - x**2, 1 - y**2, x * y])
 
 
 def cross_matrices(vectors: FloatArray) -> FloatArray:

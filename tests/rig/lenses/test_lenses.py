@@ -179,6 +179,17 @@ def test_stretched_pictures_are_told_by_pixels_that_are_not_square(tmp_path: Pat
     assert not any("the projector's pixels" in line for line in result.warnings)
 
 
+def test_a_print_that_is_longer_than_wide_is_told(tmp_path: Path) -> None:
+    seen = sightings(replace(truth(6, seed=7), stretch=-0.006))
+    alone = replace(seen, projector_by_camera=np.zeros_like(seen.projector_by_camera))
+    result = run_lenses(write_lists(tmp_path, alone), tmp_path / "out.toml")
+    assert result.stretch == pytest.approx(-0.006, abs=4 * result.stretch_sigma)
+    assert any(
+        "the board's squares come out 0.6" in line and "shorter down than across" in line for line in result.warnings
+    )
+    assert any(name == "board.stretch" for name in read_lens_file(tmp_path / "out.toml").joint.parameters)
+
+
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [
