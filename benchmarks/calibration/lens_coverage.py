@@ -48,7 +48,7 @@ def drawn_rig(rng: np.random.Generator, third: float = 0.0) -> RigState:
         projector=projector,
         projector_rotation=turn,
         projector_translation_m=1.05 * depth * middle - turn @ np.array([0.0, 0.0, depth]),
-        flex_m=rng.normal(size=2) * rng.choice([0.0, 4e-4]),
+        flex_m=rng.normal(size=3) * rng.choice([0.0, 4e-4]),
         rotations=np.zeros((0, 3, 3)),
         translations_m=np.zeros((0, 3)),
     )
