@@ -13,33 +13,19 @@ sets of each kind ended.
 
 from __future__ import annotations
 
-import sys
-from collections import Counter
 from pathlib import Path
 
 from drawn_photographs import scanned
 from drawn_roughness import ROUGHNESS, rough
-from set_runs import name_of, tried, try_all
+from set_runs import Ended, tried, try_kinds
 
 
-def main() -> int:
-    """Scan drawn sets, and print what is not as it should be."""
-    ended: Counter[tuple[str, str]] = Counter()
-
-    def judged(seed: int, keep: Path | None) -> tuple[str, str]:
-        set_ = rough(seed)
-        how, said = tried(seed, keep, lambda folder: scanned(set_, folder))
-        if how == "wrong":
-            how = "WRONG IN SILENCE"
-        ended[set_.fault, how] += 1
-        return how, f"{seed}: {set_.fault}: {said} [{set_.drawn}]"
-
-    try_all(__doc__, judged)
-    for change in ROUGHNESS:
-        name = name_of(change)
-        print(f"{name:20}", *(f"{n} {how};" for (kind, how), n in sorted(ended.items()) if kind == name))
-    return 0
+def attempt(seed: int, keep: Path | None) -> Ended:
+    """How one set ends."""
+    set_ = rough(seed)
+    how, said = tried(seed, keep, lambda folder: scanned(set_, folder))
+    return Ended(how, said, set_.fault, set_.drawn)
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    try_kinds(__doc__, ROUGHNESS, attempt)

@@ -7,10 +7,22 @@ import shutil
 import tempfile
 import traceback
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
+from typing import NamedTuple
 
 from rig.errors import RigError
+
+
+class Ended(NamedTuple):
+    """How a set ended."""
+
+    how: str
+    said: str
+    kind: str
+    """What was done to it."""
+    drawn: str
+    """What it is, in words."""
 
 
 def tried(seed: int, keep: Path | None, attempt: Callable[[Path], tuple[str, str]]) -> tuple[str, str]:
@@ -45,6 +57,23 @@ def try_all(description: str | None, judged: Callable[[int, Path | None], tuple[
             print(f"{how}: {said}", flush=True)
     print(*(f"{n} {how}" for how, n in counts.most_common()), sep="\n")
     return counts
+
+
+def try_kinds(
+    description: str | None, kinds: Iterable[Callable[..., None]], attempt: Callable[[int, Path | None], Ended]
+) -> None:
+    """Try sets with each of these in turn, none of which may be wrong in silence; say how those of each kind ended."""
+    ended: Counter[tuple[str, str]] = Counter()
+
+    def judged(seed: int, keep: Path | None) -> tuple[str, str]:
+        end = attempt(seed, keep)
+        how = "WRONG IN SILENCE" if end.how == "wrong" else end.how
+        ended[end.kind, how] += 1
+        return how, f"{seed}: {end.kind}: {end.said} [{end.drawn}]"
+
+    try_all(description, judged)
+    for name in map(name_of, kinds):
+        print(f"{name:20}", *(f"{n} {how};" for (kind, how), n in sorted(ended.items()) if kind == name))
 
 
 def name_of(change: Callable[..., None]) -> str:
