@@ -8,7 +8,8 @@ as in a session; lengths by tape are off as random_rigs.py draws them. Shapes: c
 walls, cylinders, domes, and balls in the corner, seen by ci-tiny's devices, with right angles promised and without;
 their tape runs between the spots as they lie there. `--drawn` draws more of them, with and without `size_m`; `--askew`
 draws rooms whose walls stand 0.3 degrees off square, and profiles that say so; `--bowed` rooms whose walls bulge by 1
-to 10 mm, before random rigs of 320 x 240 and 640 x 480 in turn. A result is wrong, too, if its walls are
+to 10 mm, before random rigs of 320 x 240 and 640 x 480 in turn; `--in-line` rigs one of whose devices stands nearly
+behind the other. A result is wrong, too, if its walls are
 not where the lit points are (balls apart, which no wall stands for).
 """
 
@@ -92,7 +93,9 @@ class Outcome:
         return off > SIGMAS or self.share_off > max(SHARE, SIGMAS * self.share_sigma)
 
 
-def cases(rigs: int, tiny: int, seed: int, *, shapes: bool, drawn: int, askew: int, bowed: int) -> Iterator[Case]:
+def cases(
+    rigs: int, tiny: int, seed: int, *, shapes: bool, drawn: int, askew: int, bowed: int, in_line: int
+) -> Iterator[Case]:
     """Rigs of both kinds with both noises, then shapes, then shapes that are drawn."""
     profile = load_profile("ci-tiny")
     noises = list(NOISE)
@@ -101,6 +104,9 @@ def cases(rigs: int, tiny: int, seed: int, *, shapes: bool, drawn: int, askew: i
     for k in range(rigs):
         rig = _random_rig(seed + k)
         yield Case(name=f"random {seed + k}", profile=rig, shape=None, noise=noises[k % 2], seed=seed + k)
+    for k in range(in_line):
+        rig = _random_rig(seed + k, in_line=True)
+        yield Case(name=f"in line {seed + k}", profile=rig, shape=None, noise=noises[k % 2], seed=seed + k)
     if shapes:
         for name, shape in SHAPES.items():
             for right_angles in (True, False):
@@ -117,8 +123,8 @@ def cases(rigs: int, tiny: int, seed: int, *, shapes: bool, drawn: int, askew: i
         yield _bowed(k)
 
 
-def _random_rig(seed: int, shapes: random_profiles.Shapes = random_profiles.SMALL) -> Profile:
-    text = random_profiles.rig_of(seed, shapes=shapes)
+def _random_rig(seed: int, shapes: random_profiles.Shapes = random_profiles.SMALL, *, in_line: bool = False) -> Profile:
+    text = random_profiles.rig_of(seed, shapes=shapes, in_line=in_line)
     return Profile.parse(text.encode(), Path(f"random-{seed}.toml"))
 
 
@@ -314,8 +320,9 @@ def main() -> int:
     parser.add_argument("--drawn", type=int, default=0, help="shapes that are drawn at random")
     parser.add_argument("--askew", type=int, default=0, help="rooms whose walls stand off square, as profiles say")
     parser.add_argument("--bowed", type=int, default=0, help="rooms whose walls bulge by millimetres")
+    parser.add_argument("--in-line", type=int, default=0, help="random rigs, one device nearly behind the other")
     wanted = parser.parse_args()
-    counts = {"drawn": wanted.drawn, "askew": wanted.askew, "bowed": wanted.bowed}
+    counts = {"drawn": wanted.drawn, "askew": wanted.askew, "bowed": wanted.bowed, "in_line": wanted.in_line}
     todo = list(cases(wanted.rigs, wanted.tiny, wanted.seed, shapes=not wanted.no_shapes, **counts))
     found = []
     with ProcessPoolExecutor(wanted.jobs) as executor:

@@ -20,7 +20,7 @@ FloatArray = NDArray[np.float64]
 
 KINDS = ("random", "small", "tiny")
 TINY = Path(__file__).parents[2] / "hw_profiles" / "ci-tiny.toml"
-EFFECTS = ("corner-blur", "lamp", "tone", "8-bit", "mjpeg", "s-curve")
+EFFECTS = ("corner-blur", "lamp", "tone", "8-bit", "mjpeg", "s-curve", "halo")
 _LATENCY_S = 0.046
 _CORNER_MARGIN = 0.12
 """Of the room's length and width: nearer to a wall no device stands."""
@@ -51,14 +51,14 @@ class Room:
         return np.asarray(self.corner * self.size_m[:2])
 
 
-def rig_of(seed: int, effects: Sequence[str] = (), shapes: Shapes = Shapes()) -> str:
-    """Return the profile of a random rig, as TOML."""
+def rig_of(seed: int, effects: Sequence[str] = (), shapes: Shapes = Shapes(), *, in_line: bool = False) -> str:
+    """Return the profile of a random rig, as TOML; one device may stand nearly in line behind the other."""
     random = np.random.default_rng([seed, 4096])
     room = Room(np.append(random.uniform(2.5, 7.0, 2), random.uniform(2.3, 3.6)), random.integers(0, 2, 2))
     projector = _lens(random, "projector", shapes.projector, shift=random.uniform(0, 0.6))
     camera = _lens(random, "camera", shapes.camera, shift=random.normal(0, 0.01))
     target = np.append(room.edge_m, room.size_m[2] * random.uniform(0.35, 0.65))
-    projector["position_m"], camera["position_m"] = _places(random, room)
+    projector["position_m"], camera["position_m"] = _places(random, room, in_line=in_line)
     for lens, shape in ((projector, shapes.projector), (camera, shapes.camera)):
         lens["look_at_m"] = _aim(lens, shape, target + random.normal(0, 0.04, 3) * room.size_m)
         lens["position_m"] = [float(x) for x in lens["position_m"]]
@@ -75,13 +75,18 @@ def rig_of(seed: int, effects: Sequence[str] = (), shapes: Shapes = Shapes()) ->
     # Drawn last, so that the rig is the one without them in all else.
     quality, s_shape = int(random.integers(75, 96)), float(random.uniform(0.05, 0.4))
     if "mjpeg" in effects:
-        profile = _with_camera(profile, f"jpeg_quality = {quality}")
-    return _with_camera(profile, f"s_shape = {s_shape}") if "s-curve" in effects else profile
+        profile = _with_line(profile, "camera", f"jpeg_quality = {quality}")
+    if "s-curve" in effects:
+        profile = _with_line(profile, "camera", f"s_shape = {s_shape}")
+    for name, shape in (("camera", shapes.camera), ("projector", shapes.projector)) if "halo" in effects else ():
+        share, radius = np.exp(random.uniform(np.log((0.002, 0.01)), np.log((0.02, 0.06))))
+        profile = _with_line(profile, name, f"halo = {share:.4f}\nhalo_px = {radius * shape[1]:.2f}")
+    return profile
 
 
-def _with_camera(profile: str, line: str) -> str:
-    """The same rig with another camera."""
-    head = "[[simulation.camera]]"
+def _with_line(profile: str, device: str, line: str) -> str:
+    """The same rig, its camera or projector with another line."""
+    head = f"[[simulation.{device}]]"
     return profile.replace(head, f"{head}\n{line}")
 
 
@@ -109,12 +114,18 @@ def _lens(random: np.random.Generator, name: str, shape: tuple[int, int], shift:
     }
 
 
-def _places(random: np.random.Generator, room: Room) -> tuple[FloatArray, FloatArray]:
-    """Projector and camera, 0.3 to 1.2 m apart, in the half of the room away from the edge they look at."""
+def _places(random: np.random.Generator, room: Room, *, in_line: bool) -> tuple[FloatArray, FloatArray]:
+    """Projector and camera, 0.3 to 1.2 m apart, in the half of the room away from the edge they look at.
+
+    In line, the camera is up to a quarter of the way off the line from the projector to the edge.
+    """
     while True:
         away = np.abs(1 - room.corner - random.uniform(_CORNER_MARGIN, 0.45, 2))
         projector = np.append(away * room.size_m[:2], room.size_m[2] * random.uniform(0.3, 0.7))
         step = random.normal(size=3) * (1.0, 1.0, 0.4)
+        if in_line:
+            ahead = np.append(room.edge_m - projector[:2], 0.0)
+            step = random.choice([-1, 1]) * ahead / np.linalg.norm(ahead) + 0.25 * random.uniform(-1, 1, 3)
         camera = projector + step / np.linalg.norm(step) * random.uniform(0.3, 1.2)
         share = camera / room.size_m
         if (share > _CORNER_MARGIN).all() and (share < 1 - _CORNER_MARGIN).all():

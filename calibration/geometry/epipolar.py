@@ -4,19 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import cv2
 import numpy as np
 
 from calibration.arrays import FloatArray
-from calibration.errors import CalibrationError
 from calibration.geometry.known.nominal import NominalIntrinsics
 from calibration.geometry.pinhole import (
     PinholeModel,
     bearings,
     direction_slopes,
-    image_of,
     lens_slope_units,
     lens_slopes,
     rotation_of,
@@ -29,21 +27,14 @@ from calibration.geometry.triangulation import triangulate
 
 UNDISTORTIONS = 8
 """Of a triangulation while a fit goes on: what is left is far below its residual."""
-MIN_PARALLAX_PX = 2.0
-"""Median; below, a tenth of a pixel of noise is a twentieth of the depth."""
 COLUMN_SHARES = (0.5, 0.6, 0.4)
 """Where the projector's principal point may be, as shares of the width: rarely off the middle."""
-_ROW_SHARES = (0.5, 0.75, 1.0, 0.25)
+ROW_SHARES = (0.5, 0.75, 1.0, 0.25)
 """Where the projector's principal point may be, as shares of width and height: lens shift is mostly vertical."""
-_FIT_POINTS = 1000
+FIT_POINTS = 1000
 """Of a start: its fit takes a second, and more points move it by less than the next stage does."""
-FLAT_SHARE, _FLAT_PX = 0.97, 1.0
-"""So many so near to one plane's homography leave nothing that would tell the lenses; whole codes are so near."""
-_RANSAC_PX, _HOMOGRAPHY_PX = 5, 20
-"""Inlier limits before the lenses are known: distortion moves points by some pixels, at a flat scene's rim by more."""
-_MOST_PULL = 16.0
-"""Chi-squared of the lenses' eight terms, which one pair of lenses in twenty-four exceeds: beyond, a pure rotation
-needs other lenses. Of 14 simulated rotations 12 had less; what is left of the distance refuses the other two."""
+_RANSAC_PX = 5
+"""Inlier limit before the lenses are known: distortion moves points by some pixels."""
 _IN_FRONT = 0.98
 """Share of the points: a start with fewer in front of both devices is a mirrored one."""
 _SAME_POSE = 0.01
@@ -52,12 +43,12 @@ _SAME_POSE = 0.01
 
 # Unknowns: camera f / nominal, k1, k2; projector f / nominal, k1, k2, centre as shares of width and height;
 # rotation, translation.
-_EXPECTED = np.array([1, 0, 0, 1, 0, 0, 0.5, 0.5, 0, 0, 0, 0, 0, 0.0])
-_SIGMA = np.array([0.05, 0.05, 0.02, 0.05, 0.05, 0.02, 0.06, 0.3, *[np.inf] * 6])
+EXPECTED = np.array([1, 0, 0, 1, 0, 0, 0.5, 0.5, 0, 0, 0, 0, 0, 0.0])
+SIGMA = np.array([0.05, 0.05, 0.02, 0.05, 0.05, 0.02, 0.06, 0.3, *[np.inf] * 6])
 _START_SIGMA = (0.03, 0.12)
 _KNOWN_SHARE = 0.02
 """Of a data sheet's spread: what is left of it when boards have measured a lens, a per mille of its focal length."""
-_POSE = 8
+POSE = 8
 _CAMERA, _PROJECTOR = [0, 3, 4], [0, 3, 4, 1, 2]
 """Of all terms of a lens those that are unknown here, in this order."""
 _Start = Callable[[FloatArray, FloatArray, NominalIntrinsics, tuple[float, float]], FloatArray | None]
@@ -91,7 +82,13 @@ def models_of(q: FloatArray, nominal: NominalIntrinsics) -> tuple[PinholeModel, 
 
 
 def fit_epipolar(
-    x1: FloatArray, x2: FloatArray, nominal: NominalIntrinsics, column_share: float, *, ahead: bool = False
+    x1: FloatArray,
+    x2: FloatArray,
+    nominal: NominalIntrinsics,
+    column_share: float,
+    *,
+    ahead: bool = False,
+    bent: bool = False,
 ) -> list[tuple[PinholeModel, PinholeModel]]:
     """List candidates for both devices, the best first; each from another vertical lens shift to start at.
 
@@ -99,20 +96,27 @@ def fit_epipolar(
     meet inside of the pictures, where distortion bends them, and the linear fit of the matrix ends anywhere.
 
     The fit is held by the data sheets: with optical axes that nearly meet, two views do not determine the
-    focal lengths; the planes of the next stage come out as planes even so.
+    focal lengths; the planes of the next stage come out as planes even so. A `bent` long lens may leave them further.
 
     Empty where no relative pose fits.
     """
-    few = slice(0, _FIT_POINTS)
-    rows = _ROW_SHARES if nominal.known.projector is None else _ROW_SHARES[:1]
+    few = slice(0, FIT_POINTS)
+    rows = ROW_SHARES if nominal.known.projector is None else ROW_SHARES[:1]
     starts = [(column_share, row_share) for row_share in rows]
     begin = _ahead_start if ahead else _essential_start
-    fits = [fit for shares in starts if (fit := _fit_near(x1[few], x2[few], nominal, shares, begin=begin)) is not None]
+    near = partial(_fit_near, x1[few], x2[few], nominal, begin=begin, spread=spread_of(nominal, bent=bent))
+    fits = [fit for shares in starts if (fit := near(shares)) is not None]
     return _distinct(fits, x1[few], x2[few], nominal) if fits else []
 
 
 def _fit_near(
-    x1: FloatArray, x2: FloatArray, nominal: NominalIntrinsics, shares: tuple[float, float], *, begin: _Start
+    x1: FloatArray,
+    x2: FloatArray,
+    nominal: NominalIntrinsics,
+    shares: tuple[float, float],
+    *,
+    begin: _Start,
+    spread: FloatArray,
 ) -> Fit | None:
     """Fit with the projector's principal point held near a start.
 
@@ -121,19 +125,26 @@ def _fit_near(
     start = begin(x1, x2, nominal, shares)
     if start is None:
         return None
-    expected, sigma = _EXPECTED.copy(), _SIGMA.copy()
+    expected, sigma = EXPECTED.copy(), SIGMA.copy()
     expected[6:8], sigma[6:8] = shares, _START_SIGMA
-    sigma *= _spread(nominal)
+    sigma *= spread
     return robust_fit(
-        SampsonError(x1, x2, nominal), start, _priors(expected, sigma, len(x1)), iterations=20, least_scale_px=0.3
+        SampsonError(x1, x2, nominal), start, priors_about(expected, sigma, len(x1)), iterations=20, least_scale_px=0.3
     )
 
 
-def _spread(nominal: NominalIntrinsics) -> FloatArray:
-    """(n,) by which the data sheets' standard deviations are multiplied, in idealised pixels."""
-    share = np.ones(len(_EXPECTED))
-    for lens, terms in zip(nominal.known.both, (slice(0, 3), slice(3, _POSE)), strict=True):
+def spread_of(nominal: NominalIntrinsics, *, bent: bool = False) -> FloatArray:
+    """(n,) by which the data sheets' standard deviations are multiplied, in idealised pixels.
+
+    Bent: so that a long lens may distort its corners by as large a share of its picture as a wide one.
+    """
+    share = np.ones(len(EXPECTED))
+    for lens, terms in zip(nominal.known.both, (slice(0, 3), slice(3, POSE)), strict=True):
         share[terms] = 1.0 if lens is None else _KNOWN_SHARE
+    if bent:
+        focal_px = np.array([nominal.camera_focal_px, nominal.projector_focal_px])
+        corner = np.hypot(*np.transpose([nominal.camera_shape, nominal.projector_shape])) / 2 / focal_px
+        share[[1, 2, 4, 5]] *= np.maximum(1.0, np.stack([corner**-2, corner**-4], axis=-1).ravel())
     return share
 
 
@@ -141,7 +152,7 @@ def _distinct(
     fits: list[Fit], x1: FloatArray, x2: FloatArray, nominal: NominalIntrinsics
 ) -> list[tuple[PinholeModel, PinholeModel]]:
     """Solutions that differ, those with nearly all points in front first, then the likeliest."""
-    priors = _priors(_EXPECTED, _SIGMA * _spread(nominal), len(x1))
+    priors = priors_about(EXPECTED, SIGMA * spread_of(nominal), len(x1))
     limit = max(1.0, 2 * min(_median(fit) for fit in fits))
     found: list[tuple[tuple[PinholeModel, PinholeModel], float]] = []
     for fit in sorted(fits, key=lambda fit: _merit(fit, priors)):
@@ -172,7 +183,8 @@ def _same_pose(a: PinholeModel, b: PinholeModel) -> bool:
     return bool(turn < _SAME_POSE and np.abs(a.position_m - b.position_m).max() < _SAME_POSE)
 
 
-def _priors(expected: FloatArray, sigma: FloatArray, n: int) -> Priors:
+def priors_about(expected: FloatArray, sigma: FloatArray, n: int) -> Priors:
+    """Return what is expected of unknowns, weighed against `n` points."""
     # One standard deviation off the data sheet must be worth 0.1 px over all points.
     return Priors.independent(expected, sigma, n * 0.1**2)
 
@@ -185,7 +197,7 @@ def _merit(fit: Fit, priors: Priors) -> float:
 def _essential_start(
     x1: FloatArray, x2: FloatArray, nominal: NominalIntrinsics, shares: tuple[float, float]
 ) -> FloatArray | None:
-    q = _EXPECTED.copy()
+    q = EXPECTED.copy()
     q[6:8], q[11] = shares, 1
     camera, projector = models_of(q, nominal)
     a, b = ((x - m.principal_point_px) / m.focal_px[0] for x, m in ((x1, camera), (x2, projector)))
@@ -195,18 +207,18 @@ def _essential_start(
     if essential is None or essential.shape[0] < 3:
         return None
     _, rotation, translation, _ = cv2.recoverPose(essential[:3], a, b, np.eye(3))
-    return np.concatenate([q[:_POSE], vector_of(np.asarray(rotation, dtype=np.float64)), np.ravel(translation)])
+    return np.concatenate([q[:POSE], vector_of(np.asarray(rotation, dtype=np.float64)), np.ravel(translation)])
 
 
 def _ahead_start(x1: FloatArray, x2: FloatArray, nominal: NominalIntrinsics, shares: tuple[float, float]) -> FloatArray:
     """One device before the other, turned as the rays say that hardly change."""
-    q = _EXPECTED.copy()
+    q = EXPECTED.copy()
     q[6:8], q[-1] = shares, 1
-    q[_POSE : _POSE + 3] = _turn_between(x1, x2, *models_of(q, nominal))
+    q[POSE : POSE + 3] = turn_between(x1, x2, *models_of(q, nominal))
     return q
 
 
-def _turn_between(x1: FloatArray, x2: FloatArray, camera: PinholeModel, projector: PinholeModel) -> FloatArray:
+def turn_between(x1: FloatArray, x2: FloatArray, camera: PinholeModel, projector: PinholeModel) -> FloatArray:
     """(3,) Rodrigues vector that turns the camera's rays nearest to those of a projector that is not turned yet."""
     u, _, vt = np.linalg.svd(world_rays(projector, x2).T @ world_rays(camera, x1))
     return vector_of(u @ np.diag([1, 1, np.linalg.det(u @ vt)]) @ vt)
@@ -233,7 +245,7 @@ class SampsonError:
             result[at : at + len(rows)] = (slopes * lines.by_ray(side)).sum(-1)
             result[at] += lines.by_focal(side) / q[at]
         by_pose = _essential_slopes(q, lines.of_projector.device)
-        result[_POSE:] = by_pose.reshape(len(by_pose), -1) @ lines.by_essential().reshape(len(self.x1), -1).T
+        result[POSE:] = by_pose.reshape(len(by_pose), -1) @ lines.by_essential().reshape(len(self.x1), -1).T
         return result[:, :, None]
 
     def _lines(self, q: FloatArray) -> _EpipolarLines:
@@ -316,8 +328,8 @@ class _EpipolarLines:
 
 def _essential_slopes(q: FloatArray, projector: PinholeModel) -> FloatArray:
     """(6, 3, 3) derivative of the essential matrix by rotation and translation."""
-    by_turn = _crossed(projector.translation_m) @ rotation_slopes(q[_POSE : _POSE + 3])
-    by_shift = [_crossed(one) @ projector.rotation for one in direction_slopes(q[_POSE + 3 :])]
+    by_turn = _crossed(projector.translation_m) @ rotation_slopes(q[POSE : POSE + 3])
+    by_shift = [_crossed(one) @ projector.rotation for one in direction_slopes(q[POSE + 3 :])]
     return np.concatenate([by_turn, by_shift])
 
 
@@ -328,69 +340,4 @@ def _crossed(t: FloatArray) -> FloatArray:
 
 def nominal_unknowns() -> FloatArray:
     """Unknowns of lenses as the data sheets say, of a projector one baseline ahead that is not turned."""
-    return np.append(_EXPECTED[:-1], 1.0)
-
-
-def flat_share(x1: FloatArray, x2: FloatArray, nominal: NominalIntrinsics) -> float:
-    """Return the share of the points that one plane's homography between both pictures, with distortion, explains.
-
-    Above 97 % the scene is flat: nothing is left that would tell the lenses.
-
-    Raises
-    ------
-    CalibrationError
-        If it is flat because there is no baseline: a pure rotation leaves too little parallax over, with lenses that
-        the data sheets allow. With others a baseline along a wall looks like a lens shift.
-    """
-    camera, projector = models_of(nominal_unknowns(), nominal)
-    x1, x2 = x1[:_FIT_POINTS], x2[:_FIT_POINTS]
-    a = bearings(x1, camera.focal_px[0], camera.principal_point_px, camera.distortion)
-    b = bearings(x2, projector.focal_px[0], projector.principal_point_px, projector.distortion)
-    cv2.setRNGSeed(0)
-    homography, _ = cv2.findHomography(a[:, :2], b[:, :2], cv2.RANSAC, _HOMOGRAPHY_PX / projector.focal_px[0])
-    if np.size(homography) != 9:
-        return 0.0
-
-    def residual(z: FloatArray) -> FloatArray:
-        rays = bearings(x1, camera.focal_px[0], camera.principal_point_px, [z[8], z[9], 0, 0, 0])
-        moved = rays @ np.append(z[:8], 1.0).reshape(3, 3).T
-        image = image_of(moved, projector.focal_px[0], projector.principal_point_px, [z[10], z[11], 0, 0, 0])
-        return np.asarray(np.clip(image - x2, -1e4, 1e4))
-
-    start = np.append(np.asarray(homography, dtype=np.float64).ravel()[:8], np.zeros(4))
-    priors = _priors(start, np.array([np.inf] * 8 + [0.05, 0.02] * 2), len(x1))
-    fit = robust_fit(residual, start, priors, iterations=15, least_scale_px=1.0)
-    explained = float((np.linalg.norm(fit.residual, axis=1) < _FLAT_PX).mean())
-    if explained > FLAT_SHARE:
-        parallax_px, pull = _parallax_px(x1, x2, nominal)
-        if parallax_px < MIN_PARALLAX_PX and pull < _MOST_PULL:
-            raise CalibrationError(_no_parallax(parallax_px))
-    return explained
-
-
-def _parallax_px(x1: FloatArray, x2: FloatArray, nominal: NominalIntrinsics) -> tuple[float, float]:
-    """Median of what a pure rotation between the devices leaves over, and chi-squared of its lenses."""
-    free = np.r_[0:_POSE, _POSE : _POSE + 3]
-    x1, x2 = x1[:_FIT_POINTS], x2[:_FIT_POINTS]
-
-    def residual(q: FloatArray) -> FloatArray:
-        camera, projector = models_of(np.concatenate([q, [0, 0, 1]]), nominal)
-        rays = bearings(x1, camera.focal_px[0], camera.principal_point_px, camera.distortion)
-        turned = rays @ projector.rotation.T
-        error = image_of(turned, projector.focal_px[0], projector.principal_point_px, projector.distortion) - x2
-        return np.asarray(np.clip(error, -1e4, 1e4))
-
-    camera, projector = models_of(nominal_unknowns(), nominal)
-    start = np.concatenate([_EXPECTED[:_POSE], _turn_between(x1, x2, camera, projector)])
-    priors = _priors(_EXPECTED[free], (_SIGMA * _spread(nominal))[free], len(x1))
-    fit = robust_fit(residual, start, priors, iterations=15, least_scale_px=1.0)
-    return float(np.median(np.linalg.norm(fit.residual, axis=1))), priors.cost(fit.z) / priors.weight
-
-
-def _no_parallax(parallax_px: float) -> str:
-    return (
-        f"the median parallax between camera and projector is {parallax_px:.2f} px, below the limit of "
-        f"{MIN_PARALLAX_PX:g} px: the baseline is (nearly) zero, or one device stands behind the other, or all that is "
-        "seen is one flat wall far away; depth cannot be triangulated. Move the camera aside by 0.3 m or more, and aim "
-        "at a corner"
-    )
+    return np.append(EXPECTED[:-1], 1.0)

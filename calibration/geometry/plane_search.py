@@ -2,47 +2,46 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import chain
 
 import numpy as np
 
 from calibration.arrays import FloatArray, IntArray
 from calibration.errors import CalibrationError
-from calibration.geometry.bundle_residual import rays_of
 from calibration.geometry.bundle_unknowns import PlanarScene
-from calibration.geometry.epipolar import COLUMN_SHARES, UNDISTORTIONS, fit_epipolar
 from calibration.geometry.flat.endless import MOST_REACH, reach
+from calibration.geometry.flat.plane_starts import LEAST_LIMIT_PX, planes_of, starts_by_lines
 from calibration.geometry.known.nominal import NominalIntrinsics
-from calibration.geometry.pinhole import PinholeModel
-from calibration.geometry.plane_bundle import BundleSolution, Rounds, adjust, fitted_to_some, transfer_of
+from calibration.geometry.plane_bundle import BundleSolution, Rounds, adjust, fitted_to_some
 from calibration.geometry.planes import (
     INLIER_PX,
     Axes,
-    ViewedPoints,
     askew_hypotheses,
     axis_hypotheses,
     corner_axes,
     orthogonal_axes,
-    segment_planes,
 )
 from calibration.geometry.support import LEAST_BEHIND, bending_planes, shares_behind_planes, standing_planes
-from calibration.geometry.triangulation import triangulate
 
-_FEW, _SOME = 4000, 3000
-"""Points that planes are looked for in, and that candidates are fitted to."""
+_SOME = 3000
+"""Points that candidates are fitted to."""
 LEAST_INLIER_SHARE = 0.5
 """Of the points on walls: below, most of what was seen is furniture, or the fit is wrong."""
 _GOOD_SHARE = 0.9
 """A candidate that explains so much needs no rival."""
+_NEARLY_ALL = 0.97
+"""What begins with bent long lenses must explain so much: where it explained 0.86 and 0.93, the pose was off by 3
+degrees, and the camera's focal length by up to 10 %."""
 _BETTER = 0.98
 """Planes found anew may lose so little and still be taken: they were found with better lenses."""
 _MUCH_LESS = 1 / 3
 """Of what the squarest fit leaves over, what one with fewer walls square must leave at most to be its rival. A screen
 askew that was taken for a wall left 5.8 times as much as left askew (random world 114)."""
-_EPIPOLAR_MEDIANS, _MEDIANS, _LEAST_LIMIT_PX = 10.0, 5.0, 0.4
-"""Where planes differ by few pixels of parallax, whole codes' limit would take two for one."""
+_MEDIANS = 5.0
+"""Of a fit's errors: within so many a plane found anew explains its points."""
 _ONE_AXIS = 0.5
 """What a candidate counts that has walls along one direction only: none at right angles."""
 _FEWER_PLANES = (3, 2)
@@ -66,7 +65,8 @@ def candidates(
     First comes the first fit whose planes explain nearly all points, or the one that explains most. A fit may explain
     all points and be wrong, and what holds it against the data sheets finds out: so the others follow, with those from
     the same starts that take fewer planes for walls and leave less over, and then those that begin with one device
-    before the other, which come first where no other start explains half of the points, and they nearly all.
+    before the other, which come first where no other start explains half of the points, and they nearly all. Where all
+    walls that were found lie along one direction, or none were, long lenses as bent as wide ones are tried.
 
     Parameters
     ----------
@@ -87,24 +87,27 @@ def candidates(
     CalibrationError
         If flat walls explain less than half of the points in all of them.
     """
-    fits = _fits(x1, x2, nominal, right_angles=right_angles, ahead=False)
-    ahead = _fits(x1, x2, nominal, right_angles=right_angles, ahead=True)
+    begin = partial(_fits, x1[:_SOME], x2[:_SOME], nominal, right_angles=right_angles)
+    starts = partial(starts_by_lines, x1, x2, nominal)
+    fits, ahead = (begin(starts(ahead=before)) for before in (False, True))
     tried = _tried(fits, right_angles)
     if not tried or tried[0].squarest.share < LEAST_INLIER_SHARE:
-        last = _tried(ahead, right_angles)
-        tried = last if last and _merit(last[0].squarest, right_angles) > _GOOD_SHARE else tried
+        tried = _nearly_all(ahead, right_angles, _GOOD_SHARE) or tried
+    if not tried or not explains_a_room(tried[0].squarest):
+        bent = chain(starts(ahead=False, bent=True), starts(ahead=True, bent=True))
+        tried = _nearly_all(begin(bent), right_angles, _NEARLY_ALL) or tried
     best = tried[0].squarest if tried else None
     if best is None or best.share < LEAST_INLIER_SHARE:
         raise CalibrationError(
             f"flat walls explain only {100 * (best.share if best else 0):.0f} % of the correspondences, the limit is "
             f"{100 * LEAST_INLIER_SHARE:.0f} %: most of what is seen is curved or furniture, or the fields of view "
-            "in the profile are wrong; aim at bare, flat walls"
+            "in the profile are wrong, or one device stands nearly in line behind the other; aim at bare, flat walls, "
+            "with the camera aside from the projector"
         )
-    rest = chain(fits, ahead)
     yield from (ends.squarest for ends in tried)
     yield from (ends.finer for ends in tried if ends.finer is not None)
     yield from chain.from_iterable(ends.askew for ends in tried)
-    others = chain.from_iterable((ends.squarest, ends.finer) for ends in rest)
+    others = chain.from_iterable((ends.squarest, ends.finer) for ends in chain(fits, ahead))
     yield from (fit for fit in others if fit is not None and _merit(fit, right_angles) > LEAST_INLIER_SHARE)
 
 
@@ -130,21 +133,18 @@ def _tried(fits: Iterator[_Ends], right_angles: bool) -> list[_Ends]:
     return sorted(tried, key=lambda ends: -_merit(ends.squarest, right_angles))
 
 
+def _nearly_all(fits: Iterator[_Ends], right_angles: bool, least: float) -> list[_Ends]:
+    """Take fits in the same way; none where the best does not explain more than the least share."""
+    tried = _tried(fits, right_angles)
+    return tried if tried and _merit(tried[0].squarest, right_angles) > least else []
+
+
 def _fits(
-    x1: FloatArray, x2: FloatArray, nominal: NominalIntrinsics, *, right_angles: bool, ahead: bool
+    x1: FloatArray, x2: FloatArray, nominal: NominalIntrinsics, starts: Iterable[PlanarScene], *, right_angles: bool
 ) -> Iterator[_Ends]:
-    """Fit the walls from one start of the devices after the other."""
-    a, b = nominal.idealised(x1[:_FEW], x2[:_FEW])
-    shares = COLUMN_SHARES if nominal.known.projector is None else COLUMN_SHARES[:1]
-    starts = (fit_epipolar(a, b, nominal, share, ahead=ahead) for share in shares)
-    for devices in chain.from_iterable(starts):
-        planes = _planes_of(devices, a, b)
-        if len(planes) < 2:
-            continue
-        free = Axes(np.eye(3), np.full(len(planes), -1))
-        camera, projector = nominal.real(devices)
-        start = PlanarScene(camera=camera, projector=projector, planes=planes, axes=free)
-        ends = _adjusted_twice(x1[:_SOME], x2[:_SOME], start, nominal=nominal, right_angles=right_angles)
+    """Fit the walls from one start after the other."""
+    for start in starts:
+        ends = _adjusted_twice(x1, x2, start, nominal=nominal, right_angles=right_angles)
         if ends is not None:
             yield ends
 
@@ -167,7 +167,7 @@ def found_anew(
 
     Lenses that tangents had spoiled mix a wall with the tangents beside it; without them it comes out by itself.
     """
-    planes = _planes_of(fit.devices, x1, x2, _limit_after(fit))
+    planes = planes_of(fit.devices, x1, x2, _limit_after(fit))
     if len(planes) <= len(fit.planes):
         return None
     again = fit.with_planes(planes, orthogonal_axes(planes, _GUESSED_LIMIT_DEG))
@@ -237,17 +237,6 @@ def explains_a_room(fit: BundleSolution) -> bool:
     return fit.share >= LEAST_INLIER_SHARE and (_axes_count(fit) > 1 or bool((fit.axes.of_plane < 0).all()))
 
 
-def _planes_of(
-    devices: tuple[PinholeModel, PinholeModel], x1: FloatArray, x2: FloatArray, limit_px: float | None = None
-) -> FloatArray:
-    a, b = x1[:_FEW], x2[:_FEW]
-    found = triangulate(a, b, *devices, on_camera_rays=True, undistortions=UNDISTORTIONS)
-    if limit_px is None:
-        limit_px = float(np.clip(_EPIPOLAR_MEDIANS * np.nanmedian(found.epipolar_px), _LEAST_LIMIT_PX, INLIER_PX))
-    seen = ViewedPoints(found.points_m, rays_of(devices[0], a), a, b)
-    return segment_planes(seen, transfer_of(devices[1]), found.in_front, limit_px)
-
-
 def _adjusted_twice(
     x1: FloatArray, x2: FloatArray, start: PlanarScene, *, nominal: NominalIntrinsics, right_angles: bool
 ) -> _Ends | None:
@@ -274,7 +263,7 @@ def _found_again(
     x1: FloatArray, x2: FloatArray, first: BundleSolution, nominal: NominalIntrinsics, *, right_angles: bool
 ) -> BundleSolution:
     """Find the planes again with the lenses of a fit, and fit again; the fit itself where that is worse."""
-    planes = _planes_of(first.devices, x1, x2, _limit_after(first))
+    planes = planes_of(first.devices, x1, x2, _limit_after(first))
     if len(planes) < 2:
         return first
     axes = orthogonal_axes(planes, _FITTED_LIMIT_DEG) if right_angles else None
@@ -322,10 +311,7 @@ def _askew(
 
 
 def _first_fit(x1: FloatArray, x2: FloatArray, start: PlanarScene, nominal: NominalIntrinsics) -> BundleSolution | None:
-    """Fit with free planes and lenses that are held; where planes take each other's points, with fewer, most apart.
-
-    With one device before the other, rough lenses make several planes of one wall.
-    """
+    """Fit with free planes and held lenses; with fewer where rough lenses make several planes of one wall."""
     rounds = Rounds(limits_px=(4.0, 1.5), iterations=6, variance_px2=_HELD_PX2)
     fit = _without_phantoms(x1, x2, start, nominal, rounds=rounds)
     for count in _FEWER_PLANES:
@@ -346,7 +332,7 @@ def _apart(planes: FloatArray, count: int) -> FloatArray:
 def _limit_after(fit: BundleSolution) -> float:
     """Limit at which planes are told apart with the lenses of a fit: some of its median errors."""
     median_px = float(np.median(np.linalg.norm(fit.fit.residual, axis=1)))
-    return float(np.clip(_MEDIANS * median_px, _LEAST_LIMIT_PX, INLIER_PX))
+    return float(np.clip(_MEDIANS * median_px, LEAST_LIMIT_PX, INLIER_PX))
 
 
 def _likeliest(fits: Sequence[BundleSolution], right_angles: bool, x1: FloatArray) -> BundleSolution | None:

@@ -27,8 +27,9 @@ from calibration.geometry.bundle_unknowns import (
     scene_of,
 )
 from calibration.geometry.contradictions import check_flat, is_flat
-from calibration.geometry.epipolar import FLAT_SHARE, flat_share, models_of, nominal_unknowns
+from calibration.geometry.epipolar import models_of, nominal_unknowns
 from calibration.geometry.flat.bows import BowOfOne, bow_of_one_wall
+from calibration.geometry.flat.parallax import FLAT_SHARE, flat_share
 from calibration.geometry.known.data_sheets import check_data_sheets
 from calibration.geometry.known.nominal import NominalIntrinsics
 from calibration.geometry.noise import SIGMAS, covariance, observation_variance, plus_minus, standard_deviations

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy import fft
 
 from rig.devices.simulated.settings import SimulatedLensSettings
 from rig.errors import ProfileError
@@ -131,6 +133,28 @@ def blurred(optics: SimulatedOptics, light: Float32Array, margin_px: int = 0) ->
     for sigma_px, weight in _blur_steps(optics, centre, corner, margin_px):
         mixed += weight.astype(np.float32) * _gaussian(light, sigma_px)
     return mixed
+
+
+def haloed(optics: SimulatedOptics, light: Float32Array) -> Float32Array:
+    """(H, W) light of a picture with the lens's halo: a share of it lands far away, or outside and is lost."""
+    share = optics.lens.halo
+    if not share:
+        return light
+    size = [fft.next_fast_len(2 * n, real=True) for n in light.shape]
+    around = fft.irfft2(fft.rfft2(light, size) * _halo_spectrum(optics.lens.halo_px, tuple(size)), size)
+    height, width = light.shape
+    return np.asarray((1 - share) * light + share * around[:height, :width], dtype=np.float32)
+
+
+@cache
+def _halo_spectrum(radius_px: float, size: tuple[int, int]) -> NDArray[np.complexfloating]:
+    """Of 1 / (1 + (r / a)^2)^1.5 over distances r on a torus; a disc of radius a sqrt 3 holds half of it.
+
+    Between the point spreads that are published for eyes and lenses, which fall with the second to third power.
+    """
+    y, x = (np.minimum(np.arange(n), n - np.arange(n)) for n in size)
+    kernel = (1 + 3 * (y[:, None] ** 2 + x**2) / radius_px**2) ** -1.5
+    return np.asarray(fft.rfft2((kernel * 3 / (2 * np.pi * radius_px**2)).astype(np.float32)))
 
 
 def blur_variance_px2(optics: SimulatedOptics) -> FloatArray:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from rig.devices.protocols import Codes
 from rig.devices.simulated.defocus import defocused
-from rig.devices.simulated.optics import SimulatedOptics, blurred, make_optics, relative_illumination
+from rig.devices.simulated.optics import SimulatedOptics, blurred, haloed, make_optics, relative_illumination
 from rig.devices.simulated.settings import SimulatedProjectorSettings, SimulationSettings
 
 FloatArray = NDArray[np.float64]
@@ -116,7 +116,7 @@ class SimulatedPair(ABC):
         sharp = radiosity
         if self.settings.camera.aperture_m > 0:
             sharp = defocused(self.camera, radiosity, self.camera.depth_m(self.surface.points_m))
-        return np.asarray(blurred(self.camera, sharp) * self.vignetting, dtype=np.float32)
+        return np.asarray(haloed(self.camera, blurred(self.camera, sharp)) * self.vignetting, dtype=np.float32)
 
     def ambient_swell(self, starts_s: FloatArray, exposure_s: float) -> FloatArray:
         """Return by how much the room light is above its mean during exposures, share of the mean; as `starts_s`."""

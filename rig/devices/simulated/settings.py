@@ -104,6 +104,10 @@ class SimulatedLensSettings(Table):
     """Standard deviation of the lens's Gaussian blur in the device's own pixels, on the axis."""
     corner_blur_px: Annotated[float, Field(ge=0.0)] | None = None
     """The same half a diagonal from the axis, with its square between; None: as on the axis."""
+    halo: Annotated[float, Field(ge=0.0, le=0.2)] = 0.0
+    """Share of its light that glass and dust scatter far around a bright place: veiling glare, a low ANSI contrast."""
+    halo_px: Annotated[float, Field(gt=0.0)] = 12.0
+    """Radius within which half of that lands, in the device's own pixels."""
     aperture_m: MetresOfLens = 0.0
     """Diameter of the lens's opening: what is not at `focus_m` is blurred; 0: all depths are sharp."""
     focus_m: MetresOfFocus | None = None

@@ -16,6 +16,7 @@ from rig.devices.simulated.optics import (
     blurred,
     directions,
     flux_density,
+    haloed,
     pixels_of,
     relative_illumination,
 )
@@ -73,6 +74,7 @@ class SimulatedWorld(SimulatedPair):
 
     def light_of(self, linear: Float32Array) -> Light:
         """Radiosity for a picture in linear light, (H, W), 1 = white."""
+        linear = haloed(self.projector, linear)
         emission = self.emission @ linear.ravel()
         irradiance = (self._view @ self.room.indirect_irradiance(emission).astype(np.float32)).astype(np.float32)
         global_ = self._reflectance * irradiance.reshape(self.camera.shape)

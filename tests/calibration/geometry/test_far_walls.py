@@ -56,10 +56,12 @@ def test_a_wall_that_is_near_another_all_over_keeps_points(far_corner):
 
 def test_one_device_before_the_other_is_tried_before_walls_are_called_curved(far_corner, monkeypatch):
     """Rig small-9713: no start by the essential matrix leads anywhere."""
-    fits = plane_search._fits
-    monkeypatch.setattr(
-        plane_search, "_fits", lambda *of, ahead, **how: fits(*of, ahead=False, **how) if ahead else iter(())
-    )
+    starts = plane_search.starts_by_lines
+
+    def swapped(*of, ahead, bent=False):
+        return starts(*of, ahead=False) if ahead and not bent else iter(())
+
+    monkeypatch.setattr(plane_search, "starts_by_lines", swapped)
     x1, x2 = far_corner.correspondences(2)
     order = np.random.default_rng(0).permutation(len(x1))
     found = next(plane_search.candidates(x1[order], x2[order], far_corner.nominal, right_angles=True))

@@ -13,7 +13,7 @@ from rig.devices.simulated.mesh.paths import camera_paths, light_on, projector_p
 from rig.devices.simulated.mesh.refine import refined
 from rig.devices.simulated.mesh.scene import FloatArray, TriangleScene, made_fit
 from rig.devices.simulated.mesh.shading import ProjectorLight, Reflectance
-from rig.devices.simulated.optics import blurred, directions
+from rig.devices.simulated.optics import blurred, directions, haloed
 from rig.devices.simulated.pair import Light, SeenSurface, SimulatedPair, pixel_grid
 from rig.devices.simulated.settings import SimulationSettings
 from rig.errors import ProfileError
@@ -84,6 +84,7 @@ class MeshWorld(SimulatedPair):
 
     def light_of(self, linear: Float32Array) -> Light:
         """Radiosity for a picture in linear light, (H, W), 1 = white."""
+        linear = haloed(self.projector, linear)
         m, n_pixels = self._margin_px, self.camera.shape[0] * self.camera.shape[1]
         wide = np.pad(np.asarray(linear, np.float32), m)
         picture = blurred(self.projector, wide, margin_px=m)

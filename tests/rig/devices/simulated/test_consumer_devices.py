@@ -10,7 +10,7 @@ import pytest
 from pydantic import ValidationError
 
 from rig.devices.simulated.devices import sensor_response, through_jpeg, toned
-from rig.devices.simulated.optics import blurred, make_optics
+from rig.devices.simulated.optics import blurred, haloed, make_optics
 from rig.devices.simulated.settings import SimulatedCameraSettings, SimulatedLensSettings, SimulationSettings
 from rig.devices.simulated.world import SimulatedWorld
 from rig.errors import ProfileError
@@ -92,6 +92,42 @@ def test_blur_grows_from_the_axis_to_the_corners() -> None:
     assert edge_width_px(lens, 150) == pytest.approx(1 + 2 * (70.5 / 100) ** 2, rel=0.1)
     even = lens.model_copy(update={"corner_blur_px": None})
     assert edge_width_px(even, 150) == pytest.approx(1.0, rel=0.05)
+
+
+def test_a_halo_takes_its_share_to_half_of_which_its_radius_reaches() -> None:
+    lens = SimulatedLensSettings(
+        name="camera",
+        position_m=(0, 0, 0),
+        look_at_m=(1, 0, 0),
+        focal_px=100,
+        principal_point_px=(200.0, 200.0),
+        halo=0.1,
+        halo_px=8.0,
+    )
+    point = np.zeros((401, 401), dtype=np.float32)
+    point[200, 200] = 1.0
+    light = haloed(make_optics(lens, point.shape), point).astype(float)
+    y, x = np.indices(point.shape) - 200
+    inside = light[np.hypot(y, x) <= 8.0].sum()
+    assert light.max() == pytest.approx(0.9, abs=0.003)
+    assert inside == pytest.approx(0.95, abs=0.002)
+    assert 0.995 < light.sum() <= 1.0, "some leaves the picture, and none is made"
+    none = lens.model_copy(update={"halo": 0.0})
+    assert haloed(make_optics(none, point.shape), point) is point
+
+
+def test_a_halo_of_either_device_lights_what_a_black_square_hides() -> None:
+    seen, shape = (240, 320), (192, 256)
+    codes = np.full(shape, 255, dtype=np.uint8)
+    codes[48:144, 64:192] = 0
+    plain = SimulatedWorld(settings_with(), seen, shape)
+    hazy = SimulatedWorld(settings_with(projector={"halo": 0.1, "halo_px": 4.0}), seen, shape)
+    misty = SimulatedWorld(settings_with(camera={"halo": 0.1, "halo_px": 4.0}), seen, shape)
+    sharp, white = plain.light(codes), plain.light(np.full(shape, 255, dtype=np.uint8))
+    dark = (white.direct > 0) & (sharp.direct < 0.1 * white.direct)
+    assert dark.any()
+    assert hazy.light(codes).direct[dark].mean() > 1.5 * sharp.direct[dark].mean()
+    assert misty.through_lens(sharp.direct)[dark].mean() > 1.5 * plain.through_lens(sharp.direct)[dark].mean()
 
 
 def test_a_lamp_is_darker_until_it_is_warm() -> None:
