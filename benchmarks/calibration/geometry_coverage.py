@@ -9,8 +9,8 @@ walls, cylinders, domes, and balls in the corner, seen by ci-tiny's devices, wit
 their tape runs between the spots as they lie there. `--drawn` draws more of them, with and without `size_m`; `--askew`
 draws rooms whose walls stand 0.3 degrees off square, and profiles that say so; `--bowed` rooms whose walls bulge by 1
 to 10 mm, before random rigs of 320 x 240 and 640 x 480 in turn; `--in-line` rigs one of whose devices stands nearly
-behind the other. A result is wrong, too, if its walls are
-not where the lit points are (balls apart, which no wall stands for).
+behind the other. A result is wrong, too, if its walls are not where the lit points are (balls apart, which no wall
+stands for).
 """
 
 from __future__ import annotations
@@ -101,12 +101,10 @@ def cases(
     noises = list(NOISE)
     for k in range(tiny):
         yield Case(name=f"tiny {seed + k}", profile=profile, shape=None, noise=noises[k % 2], seed=seed + k)
-    for k in range(rigs):
-        rig = _random_rig(seed + k)
-        yield Case(name=f"random {seed + k}", profile=rig, shape=None, noise=noises[k % 2], seed=seed + k)
-    for k in range(in_line):
-        rig = _random_rig(seed + k, in_line=True)
-        yield Case(name=f"in line {seed + k}", profile=rig, shape=None, noise=noises[k % 2], seed=seed + k)
+    for kind, count in (("random", rigs), ("in line", in_line)):
+        for k in range(count):
+            rig = _random_rig(seed + k, in_line=kind == "in line")
+            yield Case(name=f"{kind} {seed + k}", profile=rig, shape=None, noise=noises[k % 2], seed=seed + k)
     if shapes:
         for name, shape in SHAPES.items():
             for right_angles in (True, False):

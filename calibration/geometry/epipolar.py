@@ -29,7 +29,7 @@ UNDISTORTIONS = 8
 """Of a triangulation while a fit goes on: what is left is far below its residual."""
 COLUMN_SHARES = (0.5, 0.6, 0.4)
 """Where the projector's principal point may be, as shares of the width: rarely off the middle."""
-ROW_SHARES = (0.5, 0.75, 1.0, 0.25)
+_ROW_SHARES = (0.5, 0.75, 1.0, 0.25)
 """Where the projector's principal point may be, as shares of width and height: lens shift is mostly vertical."""
 FIT_POINTS = 1000
 """Of a start: its fit takes a second, and more points move it by less than the next stage does."""
@@ -101,7 +101,7 @@ def fit_epipolar(
     Empty where no relative pose fits.
     """
     few = slice(0, FIT_POINTS)
-    rows = ROW_SHARES if nominal.known.projector is None else ROW_SHARES[:1]
+    rows = _ROW_SHARES if nominal.known.projector is None else _ROW_SHARES[:1]
     starts = [(column_share, row_share) for row_share in rows]
     begin = _ahead_start if ahead else _essential_start
     near = partial(_fit_near, x1[few], x2[few], nominal, begin=begin, spread=spread_of(nominal, bent=bent))

@@ -19,8 +19,7 @@ from calibration.geometry.triangulation import triangulate
 
 FEW_POINTS = 4000
 """That planes are looked for in."""
-_EPIPOLAR_MEDIANS = 10.0
-LEAST_LIMIT_PX = 0.4
+_EPIPOLAR_MEDIANS, LEAST_LIMIT_PX = 10.0, 0.4
 """Where planes differ by few pixels of parallax, whole codes' limit would take two for one."""
 
 

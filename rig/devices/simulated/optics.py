@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cache
+from functools import lru_cache
 
 import cv2
 import numpy as np
@@ -146,7 +146,7 @@ def haloed(optics: SimulatedOptics, light: Float32Array) -> Float32Array:
     return np.asarray((1 - share) * light + share * around[:height, :width], dtype=np.float32)
 
 
-@cache
+@lru_cache(maxsize=4)
 def _halo_spectrum(radius_px: float, size: tuple[int, int]) -> NDArray[np.complexfloating]:
     """Of 1 / (1 + (r / a)^2)^1.5 over distances r on a torus; a disc of radius a sqrt 3 holds half of it.
 

@@ -18,6 +18,9 @@ from rig.profile.schema import Profile
 
 PROFILE = Path(__file__).parents[4] / "hw_profiles" / "ci-tiny.toml"
 SHAPE = (120, 160)
+LENS = SimulatedLensSettings(
+    name="camera", position_m=(0, 0, 0), look_at_m=(1, 0, 0), focal_px=100, principal_point_px=(79.5, 59.5)
+)
 
 
 def settings_with(
@@ -79,15 +82,7 @@ def edge_width_px(lens: SimulatedLensSettings, column: int) -> float:
 
 
 def test_blur_grows_from_the_axis_to_the_corners() -> None:
-    lens = SimulatedLensSettings(
-        name="camera",
-        position_m=(0, 0, 0),
-        look_at_m=(1, 0, 0),
-        focal_px=100,
-        principal_point_px=(79.5, 59.5),
-        blur_px=1.0,
-        corner_blur_px=3.0,
-    )
+    lens = LENS.model_copy(update={"blur_px": 1.0, "corner_blur_px": 3.0})
     assert edge_width_px(lens, 80) == pytest.approx(1.0, rel=0.05)
     assert edge_width_px(lens, 150) == pytest.approx(1 + 2 * (70.5 / 100) ** 2, rel=0.1)
     even = lens.model_copy(update={"corner_blur_px": None})
@@ -95,15 +90,7 @@ def test_blur_grows_from_the_axis_to_the_corners() -> None:
 
 
 def test_a_halo_takes_its_share_to_half_of_which_its_radius_reaches() -> None:
-    lens = SimulatedLensSettings(
-        name="camera",
-        position_m=(0, 0, 0),
-        look_at_m=(1, 0, 0),
-        focal_px=100,
-        principal_point_px=(200.0, 200.0),
-        halo=0.1,
-        halo_px=8.0,
-    )
+    lens = LENS.model_copy(update={"halo": 0.1, "halo_px": 8.0})
     point = np.zeros((401, 401), dtype=np.float32)
     point[200, 200] = 1.0
     light = haloed(make_optics(lens, point.shape), point).astype(float)
@@ -112,8 +99,7 @@ def test_a_halo_takes_its_share_to_half_of_which_its_radius_reaches() -> None:
     assert light.max() == pytest.approx(0.9, abs=0.003)
     assert inside == pytest.approx(0.95, abs=0.002)
     assert 0.995 < light.sum() <= 1.0, "some leaves the picture, and none is made"
-    none = lens.model_copy(update={"halo": 0.0})
-    assert haloed(make_optics(none, point.shape), point) is point
+    assert haloed(make_optics(LENS, point.shape), point) is point
 
 
 def test_a_halo_of_either_device_lights_what_a_black_square_hides() -> None:
